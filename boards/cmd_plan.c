@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // subview plan: the memory map of a run on this board, and what else would fit.
+#include <string.h>
+
 #include "boards/board_main.h"
 #include "src/run/arrays.h"
 #include "src/prior/methods.h"
@@ -10,7 +12,7 @@ typedef struct {
   options_common common;
   long gaussians, sh, images, threads, arena_mib;
   long odometry; // sub-views of a rig whose poses are not known; 0: they are
-  const char *size, *frames, *grid, *prior;
+  const char *size, *frames, *grid, *prior, *depth;
   bool is_json, is_rolling;
 } plan_options;
 
@@ -22,6 +24,8 @@ static struct {
   sv_camera_caps caps[CAP_TRACKED];
 } p;
 
+static bool is_deep(const plan_options *o) { return o->depth && !strcmp(o->depth, "16"); }
+
 // Bytes of a run with so many Gaussians and pictures; 0 when the settings are refused.
 static size_t bytes_of(const plan_options *o, long gaussians, int sh, long images) {
   int n = o->odometry > 0 ? (int)o->odometry : 1;
@@ -30,6 +34,7 @@ static size_t bytes_of(const plan_options *o, long gaussians, int sh, long image
                   .caps = p.caps,
                   .source_name = "plan",
                   .n_exposures = (int)((images + n - 1) / n),
+                  .is_deep = is_deep(o),
                   .is_tracking = o->odometry > 0,
                   .skew_limit_ns = 20 * SV_NS_PER_MS,
                   .prior = (sv_prior_method)sv_prior_method_by_name(o->prior),
@@ -166,6 +171,8 @@ static const sv_option rows[] = {
     {"size", SV_OPT_TEXT, 1, 0, AT(size), "WxH", "their size in pixels [640x480]", 0, 0, NULL},
     {"frames", SV_OPT_TEXT, 1, 0, AT(frames), "WxH",
      "size of the cameras' frames, where images are smaller (run --scale, --size) [--size]", 0, 0, NULL},
+    {"depth", SV_OPT_WORD, 1, 0, AT(depth), "8|16",
+     "bits a value that are kept of pictures (run --depth) [8]", 0, 0, NULL},
     {"multiplexed", SV_OPT_TEXT, 1, 0, AT(grid), "RxC",
      "a multiplexed sensor of that size with R x C lenses, at most two overlapping; images are exposures "
      "then",
@@ -207,6 +214,10 @@ int cmd_plan(int argc, char **argv) {
     return usage_error(
         "plan", "--prior %s: expected none, fsgs or sparsegs, the latter not with --multiplexed", o.prior);
   if ((r = make_rig(&o, w, h)) != 0 || (r = make_frames(&o, w, h)) != 0) return r;
+  if (is_deep(&o) && (o.grid || o.frames || sv_prior_method_by_name(o.prior) > 0))
+    return usage_error("plan", "--depth 16: not with --multiplexed, --frames or --prior");
+  for (int i = 0; is_deep(&o) && i < (int)(sizeof p.caps / sizeof *p.caps); i++)
+    p.caps[i].format = SV_PIX_RGB16;
   for (int i = 0; o.is_rolling && i < p.rig.n_sub_views; i++) p.sub[i].shutter.readout_s = 0.02;
   size_t cap = (size_t)o.arena_mib << 20, used = bytes_of(&o, o.gaussians, (int)o.sh, o.images);
   if (!used) {

@@ -112,6 +112,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .prior = (sv_prior_method)o->i_prior,
                   .optimizer = o->i_optimizer + 1,
                   .appearance = o->appearance_mode,
+                  .is_deep = o->depth && !strcmp(o->depth, "16"),
                   .is_shutter_ignored = !strcmp(o->shutter, "global"),
                   .is_refining = o->is_refining,
                   .has_bounds = run.src.has_bounds,
@@ -203,7 +204,9 @@ static sv_status heldout_psnr(double *psnr, int *n_views) {
     sv_sim_render(&run.src.u.sim, &v, t, run.truth, NULL);
     reduce_truth(&v);
     if (odo->is_tracked) v = sv_odometry_view(&q, &v); // where that is in the world that was found
-    sv_status s = sv_driver_mse(&run.app.trainer, &v, run.small_truth, &mse);
+    // The truth is that of normal light.
+    const float light = run.app.exposures.white / (float)run.src.u.sim.cfg.optics.light;
+    sv_status s = sv_driver_lit_mse(&run.app.trainer, &v, light, run.small_truth, &mse);
     if (s < 0) return s;
     *psnr += sv_psnr_of_mse(mse) / SV_SIM_N_HELDOUT;
     (*n_views)++;

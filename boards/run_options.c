@@ -74,6 +74,10 @@ static const sv_option rows[] = {
      "learn the color of: cameras (each its own, and its falloff), exposures (and cameras), off; auto: what "
      "the source does not lock [auto]",
      0, 0, NULL},
+    {"depth", SV_OPT_WORD, 1, 0, AT(depth), "8|16",
+     "bits a value that are kept of pictures; 16: of raw frames and 16-bit pictures, trained in linear light "
+     "with weights from the rig's noise and the frames' shutter times [8]",
+     0, 0, NULL},
     {"shutter", SV_OPT_TEXT, 1, 0, AT(shutter), "KIND",
      "auto: lines are rendered when the rig's readout times say that they were read; rolling: times that it "
      "lacks "
@@ -197,6 +201,8 @@ static int check(run_options *o) {
     return usage_error("run", "--appearance %s: expected auto, off, cameras or exposures", o->appearance);
   if (appearance == SV_APPEARANCE_EXPOSURES && o->is_continuous)
     return usage_error("run", "--appearance exposures: not with --live, which replaces exposures");
+  if (o->depth && !strcmp(o->depth, "16") && (o->is_dynamic || o->size || o->scale > 1))
+    return usage_error("run", "--depth 16: not with --scene dynamic, --scale or --size");
   if (strcmp(o->shutter, "auto") && strcmp(o->shutter, "rolling") && strcmp(o->shutter, "global"))
     return usage_error("run", "--shutter %s: expected auto, rolling or global", o->shutter);
   o->appearance_mode = (sv_appearance_mode)appearance;

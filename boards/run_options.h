@@ -24,6 +24,7 @@ typedef struct {
   long scale;             // of --scale, at least 1
   const char *size;       // of --size, or NULL
   sv_reduction reduction; // of both
+  const char *depth;      // 8 or 16
   const char *appearance; // auto, off, cameras or exposures
   const char *optimizer;  // NULL: the one that suits the exposures
   const char *prior;

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <math.h>
+
 #include "kernels/color/color.h"
 #include "kernels/simd/s1_math.h"
 #include "kernels/ops.h"
@@ -33,6 +35,15 @@ void sv_linear_to_srgb_ref(const sv_curve_args *a) {
     float slope;
     a->dst[i] = to_srgb(a->src[i], &slope);
     if (a->slope) a->slope[i] = slope;
+  }
+}
+
+void sv_noise_curve_ref(const sv_noise_curve_args *a) {
+  const float dark = sqrtf(a->read), sum = sqrtf(a->read + a->shot) + dark;
+  for (int i = 0; i < a->n; i++) {
+    const float x = a->src[i], sigma = sqrtf(fmaf(a->shot, s1_max(x, 0.0f), a->read));
+    a->dst[i] = x * (sum / (sigma + dark));
+    if (a->slope) a->slope[i] = (0.5f * sum) / sigma;
   }
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The curves and pack over the vocabulary.
+#include <math.h>
 #include <string.h>
 
 #include "kernels/color/color.h"
@@ -44,6 +45,35 @@ static inline v16 to_srgb(v16 l, v16 *slope) {
   }
 CURVE(sv_srgb_to_linear, to_linear)
 CURVE(sv_linear_to_srgb, to_srgb)
+
+typedef struct {
+  v16 read, shot, dark, sum;
+} noise;
+
+static inline v16 noise_one(const noise *n, v16 x, v16 *slope) {
+  const v16 sigma = v16_sqrt(v16_fma(n->shot, v16_max(x, v16_zero()), n->read));
+  *slope = v16_div(v16_mul(v16_set1(0.5f), n->sum), sigma);
+  return v16_mul(x, v16_div(n->sum, v16_add(sigma, n->dark)));
+}
+
+void V(sv_noise_curve)(const sv_noise_curve_args *a) {
+  const float dark = sqrtf(a->read), sum = sqrtf(a->read + a->shot) + dark;
+  const noise k = {v16_set1(a->read), v16_set1(a->shot), v16_set1(dark), v16_set1(sum)};
+  v16 s;
+  int i = 0;
+  for (; i + 16 <= a->n; i += 16) {
+    v16_store(a->dst + i, noise_one(&k, v16_load(a->src + i), &s));
+    if (a->slope) v16_store(a->slope + i, s);
+  }
+  if (i == a->n) return;
+  float t[16] = {0}, ts[16];
+  const size_t bytes = sizeof(float) * (size_t)(a->n - i);
+  memcpy(t, a->src + i, bytes);
+  v16_store(t, noise_one(&k, v16_load(t), &s));
+  v16_store(ts, s);
+  memcpy(a->dst + i, t, bytes);
+  if (a->slope) memcpy(a->slope + i, ts, bytes);
+}
 
 void V(sv_pack)(const sv_pack_args *a) {
   for (int y = a->row0; y < a->row1; y++) {

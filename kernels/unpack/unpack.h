@@ -31,6 +31,19 @@ typedef struct {
   float *scratch;
 } sv_unpack_args;
 
+// Three planes of 16 bits -> float planes in [0, scale], reduced in the same way. Sums are integers:
+// there is only the reference.
+typedef struct {
+  const uint16_t *src[3];  // [height_px][width_px]
+  int width_px, height_px; // of the source
+  int k;                   // as above
+  float scale;
+  float *dst[3]; // [height/k][dst_stride]; columns [width/k, dst_stride) become 0
+  int dst_stride;
+  int row0, row1; // rows of the result
+} sv_unpack16_args;
+
+typedef void sv_unpack16_fn(const sv_unpack16_args *a);
 typedef void sv_unpack_fn(const sv_unpack_args *a);
 
 #ifdef __cplusplus

@@ -35,3 +35,21 @@ void sv_unpack_ref(const sv_unpack_args *a) {
       for (int x = w; x < a->dst_stride; x++) a->dst[c][at + (size_t)x] = 0.0f;
   }
 }
+
+void sv_unpack16_ref(const sv_unpack16_args *a) {
+  const int w = a->width_px / a->k, k = a->k;
+  const float inv = a->scale / (float)(65535 * k * k);
+  for (int c = 0; c < 3; c++)
+    for (int y = a->row0; y < a->row1; y++) {
+      const uint16_t *src = a->src[c] + (size_t)(y * k) * (size_t)a->width_px;
+      float *dst = a->dst[c] + (size_t)y * (size_t)a->dst_stride;
+      for (int x = 0; x < w && k == 1; x++) dst[x] = (float)src[x] * inv;
+      for (int x = 0; x < w && k > 1; x++) {
+        uint32_t sum = 0;
+        for (int j = 0; j < k; j++)
+          for (int i = 0; i < k; i++) sum += src[(size_t)j * (size_t)a->width_px + (size_t)(x * k + i)];
+        dst[x] = (float)sum * inv;
+      }
+      for (int x = w; x < a->dst_stride; x++) dst[x] = 0.0f;
+    }
+}

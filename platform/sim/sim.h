@@ -32,15 +32,15 @@
 extern "C" {
 #endif
 
-#define SV_SIM_EPOCH_NS       SV_NS_PER_S // the virtual clock's first reading
-#define SV_SIM_DISTANCE_M     4.0
-#define SV_SIM_CAP_CAMERAS    3
-#define SV_SIM_CAP_BUFFERS    16
-#define SV_SIM_CAP_FAULTS     8
-#define SV_SIM_CAP_PENDING    6
+#define SV_SIM_EPOCH_NS    SV_NS_PER_S // the virtual clock's first reading
+#define SV_SIM_DISTANCE_M  4.0
+#define SV_SIM_CAP_CAMERAS 3
+#define SV_SIM_CAP_BUFFERS 16
+#define SV_SIM_CAP_FAULTS  8
+#define SV_SIM_CAP_PENDING 6
 // Azimuth of the middle of shorter arcs: the open side of the scenes with walls.
 #define SV_SIM_ARC_MIDDLE_DEG 45.0
-#define SV_SIM_N_HELDOUT      8    // held-out views that a run's PSNR is the mean of
+#define SV_SIM_N_HELDOUT      8 // held-out views that a run's PSNR is the mean of
 
 // A fault of one camera at one slot. `n` depends on the kind, see faults.inc.
 typedef enum {
@@ -203,7 +203,8 @@ void sv_sim_render_rows(const sv_sim *sim, const sv_sim_shot *shot, int y0, int 
                         float *depth_m);
 
 // --- between the files of this folder ---
-bool sv_sim_is_deep(const sv_sim_config *cfg);                                       // frames are RGB16
+// Whether frames are RGB16.
+bool sv_sim_is_deep(const sv_sim_config *cfg);
 sv_view sv_sim_sub_view_at(const sv_sim *sim, const sv_sub_view *sv, sv_ns host_ns); // path.c
 // jpeg.c: an RGB8 picture as it is after coding and decoding, in its place
 void sv_sim_jpeg(uint8_t *rgb, int width_px, int height_px, int quality);

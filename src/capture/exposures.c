@@ -53,6 +53,18 @@ static void carve_reduced(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena
   e->area_scratch = n ? SV_TAKE(a, float, n *(size_t)sv_maxi(cfg->n_threads, 1)) : NULL;
 }
 
+// Of a sensor whose noise is not known: 10,000 electrons at full scale, 3 of read noise.
+#define USUAL_READ 1e-7
+#define USUAL_SHOT 1e-4
+#define MIN_READ   1e-9 // 16 bits
+
+static void carve_shutters(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a) {
+  if (!cfg->is_deep) return;
+  e->first_ns = SV_TAKE(a, sv_ns, cfg->n_cameras);
+  e->shutter = SV_TAKE(a, float, (size_t)(cfg->cap_exposures + 1) * (size_t)cfg->n_cameras);
+  for (int i = 0; e->first_ns && i < cfg->n_cameras; i++) e->first_ns[i] = 0;
+}
+
 static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a, sv_err *err) {
   const sv_rig *rig = cfg->rig;
   e->exposure = SV_TAKE(a, sv_exposure, cfg->cap_exposures);
@@ -88,12 +100,15 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
                        rig->name, rig->sub_views[i].name);
     }
     at += bytes;
+    if (e->sub) e->sub[i].deep_at = at;
+    if (cfg->is_deep) at += (px * 6 + 63) & ~(size_t)63;
   }
   e->exposure_bytes = at;
   e->place = SV_TAKE(a, int, cfg->cap_exposures + 1);
   for (int i = 0; e->place && i <= cfg->cap_exposures; i++) e->place[i] = i;
   e->px = SV_TAKE(a, uint8_t, (size_t)(cfg->cap_exposures + has_spare(cfg)) * at);
   carve_reduced(e, cfg, a);
+  carve_shutters(e, cfg, a);
   if (cfg->is_blur_dropped) {
     int w = 0, h = 0;
     for (int i = 0; i < rig->n_sub_views; i++) {
@@ -102,7 +117,7 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
     }
     sv_sharpness_carve(&e->sharpness, w, h, sv_maxi(cfg->n_threads, 1), a);
   }
-  sv_convert_cfg cc = {cfg->caps, cfg->n_cameras, sv_maxi(cfg->n_threads, 1), cfg->decoder};
+  sv_convert_cfg cc = {cfg->caps, cfg->n_cameras, sv_maxi(cfg->n_threads, 1), cfg->decoder, cfg->is_deep};
   sv_status s = sv_convert_init(&e->convert, &cc, a, err);
   if (s < 0) return s;
   return a->status < 0
@@ -171,6 +186,7 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
                    cfg->cap_exposures, cfg->rig->n_sub_views);
   memset(e, 0, sizeof *e);
   e->cfg = *cfg;
+  e->white = cfg->is_deep ? 0 : 1;
   sv_spacing_cells *cells = cfg->spacing.is_by_motion ? SV_TAKE(arena, sv_spacing_cells, 2) : NULL;
   sv_spacing_init(&e->spacing, &cfg->spacing, cells);
   sv_status s = carve(e, cfg, arena, err);
@@ -197,6 +213,9 @@ typedef struct {
   size_t stride_bytes;
   uint8_t *dst;
   int i_sub;
+  const uint16_t *deep; // first of the camera's deep planes, and the first of the picture's
+  uint16_t *deep_dst;
+  size_t deep_plane, deep_width;
 } copy_job;
 
 // Rows of one sub-view: made smaller.
@@ -265,6 +284,63 @@ static void put_sub_view(const copy_job *job, const sv_image_u8 *image, const sv
   sv_pool_run(pool, copy_task, &j, n_tasks(s->pinhole.height_px));
 }
 
+// A place between four pixels of a plane, as kernels/remap/remap.h has it.
+static uint16_t value_at(const copy_job *j, const uint16_t *plane, const sv_camera_model *m,
+                         const sv_remap_tap *t) {
+  const size_t w = j->deep_width, x1 = (size_t)sv_mini(t->x + 1, m->width_px - 1),
+               y1 = (size_t)sv_mini(t->y + 1, m->height_px - 1);
+  if (t->x == SV_REMAP_NONE) return 0;
+  const uint16_t *top = plane + (size_t)t->y * w, *low = plane + y1 * w;
+  const uint32_t fx = t->fx, fy = t->fy, above = (256 - fx) * top[t->x] + fx * top[x1],
+                 below = (256 - fx) * low[t->x] + fx * low[x1];
+  return (uint16_t)(((uint64_t)(256 - fy) * above + (uint64_t)fy * below + 32768) >> 16);
+}
+
+static void copy_deep_task(void *arg, int i_task, int i_thread) {
+  const copy_job *j = arg;
+  const sv_sub_view *v = &j->e->cfg.rig->sub_views[j->i_sub];
+  const sv_sub_view_store *s = &j->e->sub[j->i_sub];
+  const size_t w = (size_t)s->pinhole.width_px, n = w * (size_t)s->pinhole.height_px;
+  (void)i_thread;
+  for (int c = 0; c < 3; c++)
+    for (int y = i_task * ROWS_PER_TASK; y < sv_mini((i_task + 1) * ROWS_PER_TASK, s->pinhole.height_px);
+         y++) {
+      uint16_t *out = j->deep_dst + (size_t)c * n + (size_t)y * w;
+      const uint16_t *plane = j->deep + (size_t)c * j->deep_plane;
+      if (!s->map.entries) memcpy(out, plane + (size_t)y * j->deep_width, w * sizeof *out);
+      for (size_t x = 0; s->map.entries && x < w; x++)
+        out[x] = value_at(j, plane, &v->model, &s->map.entries[(size_t)y * w + x]);
+    }
+}
+
+// Undistorted ones have their camera's whole frame; others a part of it.
+static void put_deep(const copy_job *job, const sv_frame *f, uint16_t *dst, const sv_pool *pool) {
+  const sv_sub_view *v = &job->e->cfg.rig->sub_views[job->i_sub];
+  copy_job j = *job;
+  j.deep_width = (size_t)f->width_px;
+  j.deep_plane = j.deep_width * (size_t)f->height_px;
+  j.deep =
+      job->e->convert.deep.linear + (size_t)v->footprint.y0_px * j.deep_width + (size_t)v->footprint.x0_px;
+  j.deep_dst = dst;
+  sv_pool_run(pool, copy_deep_task, &j, n_tasks(job->e->sub[job->i_sub].pinhole.height_px));
+}
+
+// A camera's frame as RGB8, and with is_deep in 16 bits.
+static sv_status convert(sv_exposures *e, int place, const sv_frame *f, const sv_compute *with,
+                         sv_image_u8 *image, sv_err *err) {
+  if (!e->cfg.is_deep) return sv_convert_frame(&e->convert, f, with->k, with->pool, image, err);
+  sv_ns *first = &e->first_ns[f->i_camera];
+  float *shutter = &e->shutter[place * e->cfg.n_cameras + f->i_camera];
+  if (*first == 0) *first = f->exposure_ns;
+  *shutter = f->exposure_ns > 0 && *first > 0 ? (float)((double)f->exposure_ns / (double)*first) : 1;
+  if (e->white == 0) {
+    sv_status s = sv_convert_deep(&e->convert, f, 1, with, image, err);
+    if (s < 0) return s;
+    e->white = sv_deep_white(e->convert.deep.linear, 3 * (size_t)f->width_px * (size_t)f->height_px);
+  }
+  return sv_convert_deep(&e->convert, f, 1 / (*shutter * e->white), with, image, err);
+}
+
 static sv_status check_frame(const sv_exposures *e, int i_sub, const sv_frame *f, sv_err *err) {
   const sv_sub_view *sv = &e->cfg.rig->sub_views[i_sub];
   int w = sv->footprint.x0_px + (sv->source_width_px ? sv->source_width_px : sv->model.width_px);
@@ -290,12 +366,13 @@ static sv_status put_pictures(sv_exposures *e, int place, const sv_frame *frame,
     for (int i = 0; i < rig->n_sub_views; i++) {
       if (rig->sub_views[i].i_camera != c) continue;
       if (!image.px) {
-        sv_status s = sv_convert_frame(&e->convert, &frame[c], k, pool, &image, err);
+        sv_status s = convert(e, place, &frame[c], &(sv_compute){k, pool}, &image, err);
         if (s < 0) return s;
       }
-      copy_job j = {
-          .e = e, .k = k, .i_sub = i, .dst = e->px + (size_t)place * e->exposure_bytes + e->sub[i].at};
+      uint8_t *block = e->px + (size_t)place * e->exposure_bytes;
+      copy_job j = {.e = e, .k = k, .i_sub = i, .dst = block + e->sub[i].at};
       put_sub_view(&j, &image, pool);
+      if (e->cfg.is_deep) put_deep(&j, &frame[c], (uint16_t *)(void *)(block + e->sub[i].deep_at), pool);
     }
   }
   return SV_OK;
@@ -352,4 +429,18 @@ void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *imag
   view->i_exposure = (int)e->exposure[i].id;
   view->i_sub_view = i_sub;
   view->fisheye = s->is_fisheye ? &s->fisheye : NULL;
+}
+
+void sv_exposures_deep(const sv_exposures *e, int i, int i_sub, sv_image_deep *out) {
+  const sv_sub_view *v = &e->cfg.rig->sub_views[i_sub];
+  const sv_sub_view_store *s = &e->sub[i_sub];
+  const bool is_known = v->noise.read > 0 || v->noise.shot > 0;
+  const uint8_t *block = e->px + (size_t)e->place[i] * e->exposure_bytes;
+  *out = (sv_image_deep){.px = (const uint16_t *)(const void *)(block + s->deep_at),
+                         .width_px = s->pinhole.width_px,
+                         .height_px = s->pinhole.height_px,
+                         .exposure = e->shutter[e->place[i] * e->cfg.n_cameras + v->i_camera],
+                         .white = e->white,
+                         .read = (float)sv_maxd(is_known ? v->noise.read : USUAL_READ, MIN_READ),
+                         .shot = (float)(is_known ? v->noise.shot : USUAL_SHOT)};
 }

@@ -40,6 +40,9 @@ typedef struct {
   // Share of the pixels that no view is trained on, in blocks of SV_HELD_PX (sub[i].held), to score
   // the model by them, see sv_exposures_hold. Not for multiplexed rigs. Default 0.
   float hold_out;
+  // Pictures are kept in 16 bits of linear light, too, for training (sv_exposures_deep). Not for
+  // multiplexed rigs, nor where frames are made smaller. Default false.
+  bool is_deep;
 } sv_exposures_cfg;
 
 typedef struct {
@@ -48,6 +51,7 @@ typedef struct {
   bool is_fisheye;
   sv_fisheye fisheye;
   size_t at, bytes;     // of its picture inside one exposure's block
+  size_t deep_at;       // of its deep picture, likewise
   uint8_t *mask;        // [height][width] of the view, NULL without one
   uint8_t *held;        // [height][width] 1: kept from training; NULL without hold_out
   sv_row_time row_time; // of a rolling shutter
@@ -70,6 +74,9 @@ typedef struct {
   int n;                 // exposures held
   int i_next;            // slot that the next one goes to
   int *place;            // [cap_exposures + 1] block in px of each slot; the last is spare
+  float white;           // with is_deep: what is white in the first frame (deep.h); else 1
+  sv_ns *first_ns;       // [n_cameras] shutter time of the first frame; with is_deep, else NULL
+  float *shutter;        // [cap_exposures + 1][n_cameras] shutter time over that, of each block
   uint64_t n_replaced;
 } sv_exposures;
 
@@ -85,6 +92,9 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
 // blurred, or not due.
 sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const sv_frame *frame,
                            const sv_kernels *k, const sv_pool *pool, sv_err *err) SV_MUST_USE;
+
+// With is_deep: the deep picture of sub-view i_sub of exposure i.
+void sv_exposures_deep(const sv_exposures *e, int i, int i_sub, sv_image_deep *out);
 
 // Whether a sub-view's pictures stay fisheyes: those of rolling shutters do not, as the times of
 // their rows are polynomials of x/z and y/z.

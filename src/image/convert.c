@@ -38,7 +38,13 @@ bool sv_convert_knows(sv_pixel_format f) {
 static sv_status check_caps(const sv_convert_cfg *cfg, int i, bool has_decoder_check, sv_err *err) {
   const sv_camera_caps *c = &cfg->caps[i];
   const sv_pixel_info *p = sv_pixel(c->format);
-  if (is_plain(c->format)) return SV_OK;
+  if (cfg->is_deep && !sv_deep_knows(c))
+    return sv_fail(
+        err, SV_E_UNSUPPORTED,
+        "camera %d (%s) delivers %s; 16 bits a value come from raw frames of more than 8 bits whose "
+        "samples are linear light, and from 16-bit pictures",
+        i, c->name, p->name);
+  if (cfg->is_deep || is_plain(c->format)) return SV_OK;
   if (!sv_convert_knows(c->format))
     return sv_fail(err, SV_E_UNSUPPORTED, "camera %d (%s) delivers %s, which cannot be made RGB8", i, c->name,
                    p->name);
@@ -88,6 +94,24 @@ static void coded_size(const sv_camera_caps *c, int *w, int *h) {
   *h = c->coded_height_px > 0 ? c->coded_height_px : c->height_px;
 }
 
+static size_t larger(size_t a, size_t b) { return a > b ? a : b; }
+
+static void carve_deep(sv_convert *c, const sv_convert_cfg *cfg, sv_arena *a) {
+  size_t px = 0, scratch = 0;
+  bool has_pattern = false;
+  for (int i = 0; i < cfg->n_cameras; i++) {
+    const sv_camera_caps *k = &cfg->caps[i];
+    px = larger(px, (size_t)k->width_px * (size_t)k->height_px);
+    scratch = larger(scratch, SV_DEEP_SCRATCH_FLOATS(k->width_px));
+    has_pattern |= sv_pixel(k->format)->layout == SV_LAYOUT_BAYER;
+  }
+  c->rgb = SV_TAKE(a, uint8_t, 3 * px);
+  c->deep = (sv_deep_buffers){.linear = SV_TAKE(a, uint16_t, 3 * px),
+                              .rgb = c->rgb,
+                              .samples = has_pattern ? SV_TAKE(a, uint16_t, px) : NULL,
+                              .scratch = SV_TAKE(a, float, scratch *(size_t)cfg->n_threads)};
+}
+
 static void carve(sv_convert *c, const sv_convert_cfg *cfg, sv_arena *a) {
   size_t rgb = 0, grey = 0, row = 0;
   bool has_raw = false;
@@ -122,7 +146,8 @@ sv_status sv_convert_init(sv_convert *c, const sv_convert_cfg *cfg, sv_arena *ar
     sv_status s = check_caps(cfg, i, arena->base != NULL, err); // a plan has no port
     if (s < 0) return s;
   }
-  carve(c, cfg, arena);
+  if (cfg->is_deep) carve_deep(c, cfg, arena);
+  else carve(c, cfg, arena);
   if (arena->status < 0) return sv_fail(err, arena->status, "no room for the conversion of camera formats");
   for (int i = 0; c->tables && i < cfg->n_cameras; i++)
     if (c->tables[i]) build_tables(&cfg->caps[i], c->tables[i]);
@@ -244,8 +269,19 @@ static sv_status check_frame(const sv_convert *c, const sv_frame *f, sv_err *err
   return SV_OK;
 }
 
+sv_status sv_convert_deep(sv_convert *c, const sv_frame *f, float light, const sv_compute *with,
+                          sv_image_u8 *rgb, sv_err *err) {
+  sv_status s = check_frame(c, f, err);
+  if (s < 0) return s;
+  c->deep.light = light;
+  sv_deep_convert(f, &c->cfg.caps[f->i_camera], &c->deep, with->k, with->pool);
+  *rgb = (sv_image_u8){c->rgb, f->width_px, f->height_px, 3, 3 * f->width_px};
+  return SV_OK;
+}
+
 sv_status sv_convert_frame(sv_convert *c, const sv_frame *f, const sv_kernels *k, const sv_pool *pool,
                            sv_image_u8 *out, sv_err *err) {
+  if (c->cfg.is_deep) return sv_convert_deep(c, f, 1, &(sv_compute){k, pool}, out, err);
   sv_status s = check_frame(c, f, err);
   if (s < 0) return s;
   *out = (sv_image_u8){f->data, f->width_px, f->height_px, 3, f->stride_bytes};

@@ -8,7 +8,9 @@
 
 #include "kernels/kernels.h"
 #include "src/base/arena.h"
+#include "src/image/deep.h"
 #include "src/image/planes.h"
+#include "src/port/compute.h"
 #include "src/port/port.h"
 
 #ifdef __cplusplus
@@ -19,6 +21,7 @@ typedef struct {
   const sv_camera_caps *caps; // [n_cameras]; format NONE counts as RGB8
   int n_cameras, n_threads;
   const sv_decoder *decoder; // NULL: compressed formats are refused
+  bool is_deep;              // for sv_convert_deep: all cameras have more than 8 bits (deep.h)
 } sv_convert_cfg;
 
 typedef struct {
@@ -29,6 +32,7 @@ typedef struct {
   size_t row_bytes;
   uint8_t **tables;     // [n_cameras] of raw cameras: [4][SV_RAW_TABLE], by place in the pattern;
                         // else NULL
+  sv_deep_buffers deep; // with is_deep; its rgb is the one above
   const uint8_t *coded; // what rgb was decoded from: an image that holds several cameras is decoded
                         // once
 } sv_convert;
@@ -36,15 +40,19 @@ typedef struct {
 // Whether frames of this format can be converted, given a decoder.
 bool sv_convert_knows(sv_pixel_format f);
 
-// E_UNSUPPORTED for formats that cannot be converted (RGB16 is kept as it is, for multiplexed
-// sensors); E_RANGE for sizes that a format does not allow. caps, decoder and arena must outlive
-// it.
+// E_UNSUPPORTED for formats that cannot be converted (RGB16: only with is_deep); E_RANGE for sizes
+// that a format does not allow. caps, decoder and arena must outlive it.
 sv_status sv_convert_init(sv_convert *c, const sv_convert_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
 // The frame as RGB8; *out points into the frame or to memory of `c` that the next call overwrites.
 // E_UNSUPPORTED or E_RANGE when the frame is not as its camera's caps say; the decoder's errors.
 sv_status sv_convert_frame(sv_convert *c, const sv_frame *frame, const sv_kernels *k, const sv_pool *pool,
                            sv_image_u8 *out, sv_err *err) SV_MUST_USE;
+
+// With is_deep: the frame as 16 bits of linear light, [3][height][width] in memory of `c`, and as
+// RGB8 with `light` times the light.
+sv_status sv_convert_deep(sv_convert *c, const sv_frame *frame, float light, const sv_compute *with,
+                          sv_image_u8 *rgb, sv_err *err) SV_MUST_USE;
 
 // Forgets the image that was decoded last. Call it when frames go back to their source.
 void sv_convert_forget(sv_convert *c);

@@ -115,7 +115,8 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
                          .decoder = &app->port.decoder,
                          .is_blur_dropped = is_handheld(c) && !c->is_blur_kept,
                          .spacing = c->spacing,
-                         .hold_out = c->hold_out};
+                         .hold_out = c->hold_out,
+                         .is_deep = c->is_deep};
   sv_status s = sv_exposures_init(&app->exposures, &ec, a, err);
   if (s < 0) return s;
   const sv_odometry_cfg oc = {.rig = c->rig,
@@ -180,6 +181,13 @@ static void set_rolling(sv_app *app, int i_view, int e, int i_sub) {
   if (is_rolling) sv_train_set_rolling(&app->trainer, i_view, &time, motion);
 }
 
+static void set_deep(sv_app *app, int i_view, int e, int i_sub) {
+  sv_image_deep deep;
+  if (!app->cfg.is_deep) return;
+  sv_exposures_deep(&app->exposures, e, i_sub, &deep);
+  sv_train_set_deep(&app->trainer, i_view, &deep);
+}
+
 // The newest exposure takes the place of the oldest, in the pool and in what is trained on.
 static sv_status replace_oldest(void *self, sv_err *err) {
   sv_app *app = self;
@@ -195,6 +203,7 @@ static sv_status replace_oldest(void *self, sv_err *err) {
     sv_exposures_get(&app->exposures, slot, i, &image, &view);
     view.time = sv_app_time_of(app, app->exposures.exposure[slot].time_ns);
     sv_train_replace_view(&app->trainer, slot * n + i_view, &view, &image);
+    set_deep(app, slot * n + i_view, slot, i);
     set_rolling(app, slot * n + i_view++, slot, i);
   }
   return sv_app_enter_exposure(app, slot);
@@ -310,6 +319,12 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "rig \"%s\" is multiplexed: its pixels show several sub-views, so none can be held out",
                    cfg->rig->name);
+  if (cfg->is_deep && (is_multiplexed(cfg) || cfg->is_dynamic || cfg->prior))
+    return sv_fail(err, SV_E_UNSUPPORTED,
+                   "16 bits a value are for still scenes without a prior, and not for multiplexed sensors");
+  for (int i = 0; cfg->is_deep && i < cfg->rig->n_sub_views; i++)
+    if (cfg->rig->sub_views[i].source_width_px)
+      return sv_fail(err, SV_E_UNSUPPORTED, "pictures of 16 bits are trained on at the size of their frames");
   if (!sv_app_n_trained_sub_views(cfg))
     return sv_fail(err, SV_E_ARG, "none of the chosen sub-views is in rig \"%s\", which has %d",
                    cfg->rig->name, cfg->rig->n_sub_views);
@@ -350,6 +365,7 @@ static sv_status add_pictures(sv_app *app, int e, sv_err *err) {
     view.time = sv_app_time_of(app, app->exposures.exposure[e].time_ns);
     sv_status s = sv_train_add_view(&app->trainer, &view, &image, err);
     if (s < 0) return s;
+    set_deep(app, app->trainer.n_views - 1, e, i);
     set_rolling(app, app->trainer.n_views - 1, e, i);
     sv_train_set_appearance(&app->trainer, app->trainer.n_views - 1, app->cfg.rig->sub_views[i].i_camera, e);
     if (app->cfg.is_refining)
@@ -431,9 +447,22 @@ static void log_motion(sv_app *app) {
              m.n, app->exposures.n, m.turn_rad_s * 180 / SV_PI, m.move);
 }
 
+static void log_deep(sv_app *app) {
+  bool is_known = true;
+  if (!app->cfg.is_deep) return;
+  for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
+    const sv_sensor_noise *n = &app->cfg.rig->sub_views[i].noise;
+    is_known &= n->read > 0 || n->shot > 0;
+  }
+  sv_app_log(app, SV_LOG_INFO, "16 bits: white is %.3g of the sensor's range; noise %s",
+             (double)app->exposures.white,
+             is_known ? "of the rig" : "of a usual sensor (the rig has none: subview-calibrate noise)");
+}
+
 static sv_status first_or_resumed(sv_app *app, sv_err *err) {
   const bool is_tracked = app->odometry.is_tracked;
   log_motion(app);
+  log_deep(app);
   sv_app_begin_moving(app);
   for (int e = 0; e < app->exposures.n; e++) {
     if (is_tracked && !app->exposures.exposure[e].has_pose) continue; // nobody knows where it was

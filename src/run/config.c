@@ -52,7 +52,7 @@ static void plan_appearance(const sv_app_cfg *c, sv_train_cfg *t) {
   bool is_known = true, is_locked = true;
   for (int i = 0; i < c->n_cameras; i++) {
     is_known &= c->caps[i].is_color_known;
-    is_locked &= c->caps[i].is_light_locked;
+    is_locked &= c->caps[i].is_light_locked || (c->is_deep && c->caps[i].is_exposure_told);
   }
   sv_appearance_mode mode = c->appearance;
   if (mode == SV_APPEARANCE_AUTO)
@@ -104,6 +104,7 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
                                    .from = 0.05f,
                                    .until = 1};
   plan_appearance(c, &t);
+  t.is_deep = c->is_deep;
   t.is_rolling = is_rolling(c);
   if (c->is_dynamic) sv_app_plan_moving(c, &t);
   if (c->steps) t.expected_steps = (int)c->steps;

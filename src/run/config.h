@@ -87,6 +87,9 @@ typedef struct {
   int optimizer;
   // Whether training learns what cameras and exposures do to color (src/train/appearance.h).
   sv_appearance_mode appearance;
+  // Pictures are kept in 16 bits, and training compares in linear light (src/train/appearance.h).
+  // Default false.
+  bool is_deep;
   // Rolling shutters are taken for global ones. Default false.
   bool is_shutter_ignored;
   // Training refines the rig's poses; those of the first exposure are held.

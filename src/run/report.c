@@ -119,6 +119,7 @@ static void add_settings(sv_str *s, const sv_app *app) {
   sv_driver_add_settings(s, &app->trainer);
   sv_str_add(s, ",\n  \"exposures\": %d,\n  \"views\": %d,\n", app->exposures.n,
              sv_driver_n_views(&app->trainer));
+  if (app->cfg.is_deep) sv_str_add(s, "  \"depth\": 16,\n  \"white\": %.6g,\n", (double)app->exposures.white);
   add_masks(s, app->cfg.rig);
 }
 

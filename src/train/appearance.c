@@ -18,7 +18,7 @@ sv_appearance_cfg sv_appearance_defaults(void) {
 void sv_appearance_carve(sv_appearance *a, const sv_train_cfg *cfg, size_t cap_floats, sv_arena *arena) {
   const sv_appearance_cfg *c = &cfg->appearance;
   *a = (sv_appearance){0};
-  if (c->n_cameras < 1) return;
+  if (c->n_cameras < 1 && !cfg->is_deep) return;
   sv_arena_part_begin(arena, "appearance");
   a->camera = SV_TAKE(arena, sv_appearance_group, c->n_cameras);
   a->exposure = SV_TAKE(arena, sv_appearance_group, c->n_exposures);
@@ -54,6 +54,10 @@ bool sv_train_has_appearance(const sv_trainer *t, int i_view) {
   return t->cfg.appearance.n_cameras > 0 && t->appearance.camera_of[i_view] >= 0;
 }
 
+bool sv_train_is_shown(const sv_trainer *t, int i_view) {
+  return sv_train_has_appearance(t, i_view) || t->views[i_view].deep.px;
+}
+
 // --- transforms
 // ------------------------------------------------------------------------------------
 
@@ -75,9 +79,11 @@ void sv_train_appearance_of(const sv_trainer *t, int i_view, double out[SV_APPEA
 // gradient, goes.
 typedef struct {
   const sv_trainer *t;
-  sv_appearance_args args; // of any row but for cy
-  const sv_planes *x, *target;
+  sv_appearance_args args;     // of any row but for cy
+  const sv_planes *x, *target; // target NULL: nothing is clipped
   sv_planes *out;
+  const sv_image_deep *deep; // or NULL
+  float saturated;           // value of the target
   float cy;
 } job;
 
@@ -96,8 +102,18 @@ static rows rows_of(const sv_trainer *t, int i_thread, int stride) {
   return r;
 }
 
-// Display values of a row -> linear light -> the camera's light -> display values in out, slopes
-// with is_bwd.
+// What a deep camera's sensor counts: light -> values of equal noise.
+static void count_light(const job *j, const float *light, float *out, float *slope) {
+  j->t->compute.k->noise_curve(&(sv_noise_curve_args){.src = light,
+                                                      .dst = out,
+                                                      .slope = slope,
+                                                      .n = j->x->width_px,
+                                                      .read = sv_deep_read(j->deep),
+                                                      .shot = sv_deep_shot(j->deep)});
+}
+
+// Display values of a row -> linear light -> the camera's light -> display values (of deep ones:
+// noise curve) in out, slopes with is_bwd.
 static void show_row(const job *j, const rows *r, int y, float *const out[3], bool is_bwd) {
   const sv_kernels *k = j->t->compute.k;
   const int w = j->x->width_px;
@@ -111,13 +127,17 @@ static void show_row(const job *j, const rows *r, int y, float *const out[3], bo
     a.out[c] = r->light[c];
   }
   k->appearance(&a);
-  for (int c = 0; c < 3; c++)
-    k->linear_to_srgb(&(sv_curve_args){
-        .src = r->light[c], .dst = out[c], .slope = is_bwd ? r->slope_out[c] : NULL, .n = w});
+  for (int c = 0; c < 3; c++) {
+    float *slope = is_bwd ? r->slope_out[c] : NULL;
+    if (j->deep) count_light(j, r->light[c], out[c], slope);
+    else k->linear_to_srgb(&(sv_curve_args){.src = r->light[c], .dst = out[c], .slope = slope, .n = w});
+  }
 }
 
 // How much brighter than a saturated pixel the light was, no sensor tells.
-static bool is_clipped(float target, float out) { return target >= SATURATED && out > target; }
+static bool is_clipped(const job *j, float target, float out) {
+  return target >= j->saturated && out > target;
+}
 
 static void show_task(void *arg, int i_task, int i_thread) {
   const job *j = arg;
@@ -129,7 +149,7 @@ static void show_task(void *arg, int i_task, int i_thread) {
     for (int c = 0; c < 3; c++)
       for (int i = 0; i < j->x->width_px; i++) {
         const float target = j->target->c[c][at + (size_t)i];
-        if (is_clipped(target, out[c][i])) out[c][i] = target;
+        if (is_clipped(j, target, out[c][i])) out[c][i] = target;
       }
   }
 }
@@ -146,7 +166,9 @@ static void bwd_task(void *arg, int i_task, int i_thread) {
     for (int c = 0; c < 3; c++) {
       float *g = j->out->c[c] + at;
       for (int i = 0; i < j->x->width_px; i++)
-        g[i] = is_clipped(j->target->c[c][at + (size_t)i], r.light[c][i]) ? 0.0f : g[i] * r.slope_out[c][i];
+        g[i] = j->target && is_clipped(j, j->target->c[c][at + (size_t)i], r.light[c][i])
+                   ? 0.0f
+                   : g[i] * r.slope_out[c][i];
       a.x[c] = r.linear[c];
       a.out[c] = g;
     }
@@ -156,9 +178,17 @@ static void bwd_task(void *arg, int i_task, int i_thread) {
   }
 }
 
-static void run(sv_trainer *t, int i_view, const sv_view *v, const sv_planes *x, bool is_bwd) {
-  double p[SV_APPEARANCE_SUMS];
-  sv_train_appearance_of(t, i_view, p);
+static double exposure_of_view(const sv_trainer *t, int i_view) {
+  return t->views[i_view].deep.px ? (double)t->views[i_view].deep.exposure : 1;
+}
+
+// bwd NULL: shows x; else takes it, dL/d(what the camera shows), to dL/dx.
+static void run(sv_trainer *t, int i_view, const sv_view *v, const sv_planes *x, sv_planes *bwd,
+                const sv_planes *target) {
+  double p[SV_APPEARANCE_SUMS] = {[0] = 1, [4] = 1, [8] = 1};
+  if (sv_train_has_appearance(t, i_view)) sv_train_appearance_of(t, i_view, p);
+  for (int i = 0; i < N_COLOR; i++) p[i] *= exposure_of_view(t, i_view);
+  const sv_image_deep *deep = &t->views[i_view].deep;
   const float far_x = sv_maxf(v->cx, (float)v->width_px - v->cx),
               far_y = sv_maxf(v->cy, (float)v->height_px - v->cy);
   job j = {.t = t,
@@ -168,19 +198,21 @@ static void run(sv_trainer *t, int i_view, const sv_view *v, const sv_planes *x,
                     .stride = x->stride,
                     .row1 = 1},
            .x = x,
-           .target = &t->target,
-           .out = is_bwd ? &t->grad : &t->appearance.image,
+           .target = target,
+           .out = bwd ? bwd : &t->appearance.image,
+           .deep = deep->px ? deep : NULL,
+           .saturated = deep->px ? sv_deep_saturated(deep) : SATURATED,
            .cy = v->cy};
   for (int i = 0; i < 9; i++) j.args.m[i] = (float)p[i];
   for (int i = 0; i < 3; i++) j.args.b[i] = (float)p[9 + i];
   for (int i = 0; i < 3; i++) j.args.k[i] = (float)p[N_COLOR + i];
-  sv_pool_run(t->compute.pool, is_bwd ? bwd_task : show_task, &j, (x->height_px + BAND_ROWS - 1) / BAND_ROWS);
+  sv_pool_run(t->compute.pool, bwd ? bwd_task : show_task, &j, (x->height_px + BAND_ROWS - 1) / BAND_ROWS);
 }
 
 const sv_planes *sv_train_appear(sv_trainer *t, int i_view, const sv_view *view, const sv_planes *x) {
-  if (!sv_train_has_appearance(t, i_view)) return x;
+  if (!sv_train_is_shown(t, i_view)) return x;
   sv_planes_set_size(&t->appearance.image, x->width_px, x->height_px);
-  run(t, i_view, view, x, false);
+  run(t, i_view, view, x, NULL, &t->target);
   return &t->appearance.image;
 }
 
@@ -236,10 +268,17 @@ static void move(sv_trainer *t, int i_view, const double sum[SV_APPEARANCE_SUMS]
 
 void sv_train_appear_bwd(sv_trainer *t, int i_view, const sv_planes *x, const sv_view *view, float progress) {
   double sum[SV_APPEARANCE_SUMS] = {0};
+  if (!sv_train_is_shown(t, i_view)) return;
+  run(t, i_view, view, x, &t->grad, &t->target);
   if (!sv_train_has_appearance(t, i_view)) return;
-  run(t, i_view, view, x, true);
   for (int r = 0; r < x->height_px; r++)
     for (int i = 0; i < SV_APPEARANCE_SUMS; i++)
       sum[i] += (double)t->appearance.row_sum[r * SV_APPEARANCE_SUMS + i];
+  for (int i = 0; i < N_COLOR; i++) sum[i] *= exposure_of_view(t, i_view);
   move(t, i_view, sum, progress);
+}
+
+void sv_train_appear_probe(sv_trainer *t, int i_view, const sv_planes *x, const sv_view *view,
+                           sv_planes *probe) {
+  run(t, i_view, view, x, probe, NULL);
 }

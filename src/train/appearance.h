@@ -5,6 +5,11 @@
 //   out = f(r^2) E (C x + c)                                    (kernels/appearance/appearance.h)
 // by Adam, pulled towards where they start (appearance_start.h). The transforms of camera 0 (its
 // falloff apart) and of exposure 0 are the identity: the model has the reference camera's colors.
+//
+// Views with deep pictures (src/image/deep.h) are compared as their sensor counts light: in linear
+// light, times the shutter time, through the noise curve (kernels/color/color.h), where all values
+// have the same noise. So residuals weigh what the noise lets them, and L1 and D-SSIM stay as they
+// are. The model's colors are those of the first exposure, display values that may exceed 1.
 // Owns the groups and one rendered image. Never changes what is exported, and knows no sensors
 // whose lens images overlap.
 #ifndef SV_TRAIN_APPEARANCE_H
@@ -59,11 +64,17 @@ void sv_appearance_reset(sv_appearance *a, const sv_appearance_cfg *cfg);
 void sv_train_set_appearance(sv_trainer *t, int i_view, int i_camera, int i_exposure);
 // Whether a view has one.
 bool sv_train_has_appearance(const sv_trainer *t, int i_view);
+// Whether its rendering is compared as its camera shows it: with appearance, or deep.
+bool sv_train_is_shown(const sv_trainer *t, int i_view);
 // A rendering x of a view, at any scale, as its camera shows it, compared with t->target, which has
 // the same size. Valid until the next call; x itself for views without appearance.
 const sv_planes *sv_train_appear(sv_trainer *t, int i_view, const sv_view *view, const sv_planes *x);
 // t->grad, dL/d(what the camera shows), becomes dL/dx; then the view's groups move. x as before.
 void sv_train_appear_bwd(sv_trainer *t, int i_view, const sv_planes *x, const sv_view *view, float progress);
+// Of a deep view: a probe (curvature.h) of what the camera shows becomes one of x. After
+// sv_train_appear_bwd.
+void sv_train_appear_probe(sv_trainer *t, int i_view, const sv_planes *x, const sv_view *view,
+                           sv_planes *probe);
 // From sums [SV_APPEARANCE_SUMS] of the product's gradients to those of camera and exposure, whose
 // parameters are given: d_camera[12], d_exposure[9].
 void sv_appearance_share(const double *sum, const double *camera, const double *exposure, double *d_camera,

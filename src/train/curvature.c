@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/train/appearance.h"
 #include "src/train/mask.h"
 #include "src/train/optimize.h"
 #include "src/train/supersample.h"
@@ -101,6 +102,7 @@ sv_status sv_train_curvature(sv_trainer *t, const sv_train_residual *r, sv_plane
   const bool is_half = t->step >= (uint32_t)t->cfg.newton.half_from;
   make_probe(t, r->l1, n_values(probe) * (is_half ? 0.5 : 1.0), probe);
   sv_train_mask_clear(t, r->masked, r->scale, probe);
+  if (r->rendered) sv_train_appear_probe(t, r->i_view, r->rendered, r->view, probe);
   sv_status s = probe_bwd(t, r->is_supersampled ? sv_train_spread(t, probe, NULL) : probe, is_half);
   if (s < 0) return s;
   job j = blocks_job(t);

@@ -18,6 +18,10 @@ typedef struct {
   const sv_image_u8 *masked; // has a mask or none; NULL: all pixels count
   int scale;                 // of that image
   bool is_supersampled;
+  // Of a deep view, whose residuals are of what its camera shows; else rendered is NULL.
+  int i_view;
+  const sv_planes *rendered;
+  const sv_view *view;
 } sv_train_residual;
 
 // After the loss of an image: `probe`, planes of the image's size whose values are free for reuse

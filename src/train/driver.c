@@ -243,9 +243,30 @@ static double mse_of(const sv_planes *p, const sv_image_u8 *im) {
   return n_counted ? sum / (3.0 * (double)n_counted) : 0;
 }
 
+// A rendering with another light, in t->target.
+static const sv_planes *lit(sv_trainer *t, const sv_planes *p, float light) {
+  const sv_kernels *k = t->compute.k;
+  if (light == 1.0f) return p;
+  sv_train_size_images(t, p->width_px, p->height_px);
+  for (int c = 0; c < 3; c++) {
+    float *out = t->target.c[c];
+    const int n = p->stride * p->height_px;
+    k->srgb_to_linear(&(sv_curve_args){.src = p->c[c], .dst = out, .n = n});
+    for (int i = 0; i < n; i++) out[i] *= light;
+    k->linear_to_srgb(&(sv_curve_args){.src = out, .dst = out, .n = n});
+  }
+  return &t->target;
+}
+
 sv_status sv_driver_mse(sv_trainer *t, const sv_view *view, const uint8_t *rgb, double *mse) {
+  return sv_driver_lit_mse(t, view, 1, rgb, mse);
+}
+
+sv_status sv_driver_lit_mse(sv_trainer *t, const sv_view *view, float light, const uint8_t *rgb,
+                            double *mse) {
   const sv_planes *p;
   sv_status s = sv_driver_render(t, view, &p);
+  if (s >= 0) p = lit(t, p, light);
   if (s >= 0)
     *mse = mse_of(p, &(sv_image_u8){rgb, view->width_px, view->height_px, 3, 3 * view->width_px, NULL});
   return s;
@@ -256,10 +277,12 @@ sv_status sv_driver_view_mse(sv_trainer *t, int i_view, const uint8_t *mask, dou
   const sv_planes *p;
   const float black[3] = {0};
   sv_status s = sv_driver_render_view(t, i_view, &p);
-  if (s >= 0 && sv_train_has_appearance(t, i_view)) sv_train_load_image(t, &v->image, 1, black, &t->target);
+  // Deep ones are compared with what the first exposure would show.
+  const bool is_shown = sv_train_has_appearance(t, i_view) && !v->deep.px;
+  if (s >= 0 && is_shown) sv_train_load_image(t, &v->image, 1, black, &t->target);
   sv_image_u8 im = v->image;
   if (mask) im.mask = mask;
-  if (s >= 0) *mse = mse_of(sv_train_appear(t, i_view, &v->view, p), &im);
+  if (s >= 0) *mse = mse_of(is_shown ? sv_train_appear(t, i_view, &v->view, p) : p, &im);
   return s;
 }
 

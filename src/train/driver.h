@@ -119,6 +119,9 @@ sv_status sv_driver_render(sv_trainer *t, const sv_view *view, const sv_planes *
 sv_status sv_driver_render_view(sv_trainer *t, int i_view, const sv_planes **out) SV_MUST_USE;
 // Mean squared error against an image [height][width][3] of a view, values 0 to 1.
 sv_status sv_driver_mse(sv_trainer *t, const sv_view *view, const uint8_t *rgb, double *mse) SV_MUST_USE;
+// The same with `light` times the rendering's light.
+sv_status sv_driver_lit_mse(sv_trainer *t, const sv_view *view, float light, const uint8_t *rgb,
+                            double *mse) SV_MUST_USE;
 // The same against a training image, as its camera shows the model. mask [height][width]: over
 // other pixels than those that are trained on; NULL: over these.
 sv_status sv_driver_view_mse(sv_trainer *t, int i_view, const uint8_t *mask, double *mse) SV_MUST_USE;

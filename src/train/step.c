@@ -97,6 +97,53 @@ void sv_train_load_image(sv_trainer *t, const sv_image_u8 *im, int scale, const 
 }
 
 typedef struct {
+  const sv_trainer *t;
+  const sv_image_deep *deep;
+  sv_unpack16_args a;
+  int n_rows;
+} deep_job;
+
+static void deep_task(void *arg, int i_task, int i_thread) {
+  const deep_job *j = arg;
+  const sv_kernels *k = j->t->compute.k;
+  sv_unpack16_args a = j->a;
+  (void)i_thread;
+  a.row0 = i_task * UNPACK_ROWS;
+  a.row1 = sv_mini(a.row0 + UNPACK_ROWS, j->n_rows);
+  k->unpack16(&a);
+  for (int c = 0; c < 3; c++) {
+    float *rows = a.dst[c] + (size_t)a.row0 * (size_t)a.dst_stride;
+    k->noise_curve(&(sv_noise_curve_args){.src = rows,
+                                          .dst = rows,
+                                          .n = (a.row1 - a.row0) * a.dst_stride,
+                                          .read = sv_deep_read(j->deep),
+                                          .shot = sv_deep_shot(j->deep)});
+  }
+}
+
+void sv_train_load_target(sv_trainer *t, int i_view, int scale, const float bg[3]) {
+  const sv_image_deep *deep = &t->views[i_view].deep;
+  const size_t plane = (size_t)deep->width_px * (size_t)deep->height_px;
+  if (!deep->px) {
+    sv_train_load_image(t, &t->views[i_view].image, scale, bg, &t->target);
+    return;
+  }
+  const int w = deep->width_px / scale, h = deep->height_px / scale;
+  sv_train_size_images(t, w, h);
+  deep_job j = {.t = t,
+                .deep = deep,
+                .n_rows = h,
+                .a = {.src = {deep->px, deep->px + plane, deep->px + 2 * plane},
+                      .width_px = deep->width_px,
+                      .height_px = deep->height_px,
+                      .k = scale,
+                      .scale = 1 / deep->white,
+                      .dst = {t->target.c[0], t->target.c[1], t->target.c[2]},
+                      .dst_stride = t->target.stride}};
+  sv_pool_run(t->compute.pool, deep_task, &j, (h + UNPACK_ROWS - 1) / UNPACK_ROWS);
+}
+
+typedef struct {
   float *plane[4];
   size_t n;
   float weight;
@@ -150,7 +197,7 @@ static sv_status begin_image(sv_trainer *t, const sv_train_choice *c, const sv_r
     for (int k = 0; k < 3; k++) bg[k] = sv_rng_f(&t->rng);
   sv_status s = SV_OK;
   if (SV_TRAIN_HAS(t, before_render)) s = t->hooks->before_render(t->hooked, im);
-  if (s >= 0 && !im->has_target) sv_train_load_image(t, &tv->image, scale, bg, &t->target);
+  if (s >= 0 && !im->has_target) sv_train_load_target(t, c->i_view, scale, bg);
   return s;
 }
 
@@ -191,7 +238,10 @@ static sv_status view_step(sv_trainer *t, const sv_train_choice *c, const sv_ren
     const sv_train_residual r = {.l1 = loss.l1 / ((double)weight * share),
                                  .masked = image,
                                  .scale = im.scale,
-                                 .is_supersampled = im.is_supersampled};
+                                 .is_supersampled = im.is_supersampled,
+                                 .i_view = c->i_view,
+                                 .rendered = t->views[c->i_view].deep.px ? x : NULL,
+                                 .view = &im.view};
     if ((s = sv_train_curvature(t, &r, &t->target)) < 0) return s;
   }
   if (im.options.has_depth) out->loss += t->hooks->add_loss(t->hooked, &im);

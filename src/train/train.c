@@ -259,6 +259,10 @@ sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u
   return SV_OK;
 }
 
+void sv_train_set_deep(sv_trainer *t, int i_view, const sv_image_deep *deep) {
+  if (t->cfg.is_deep) t->views[i_view].deep = *deep;
+}
+
 void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view, const sv_image_u8 *image) {
   t->share -= (double)t->views[i_view].share;
   t->views[i_view] = view_of(view, image);

@@ -10,6 +10,7 @@
 #ifndef SV_TRAIN_TRAIN_H
 #define SV_TRAIN_TRAIN_H
 
+#include "src/image/deep.h"
 #include "src/loss/photometric.h"
 #include "src/loss/tv.h"
 #include "src/rig/forward.h"
@@ -25,8 +26,9 @@ extern "C" {
 
 typedef struct {
   sv_view view;
-  sv_image_u8 image; // not copied: must live as long as the trainer, and so must its mask
-  float share;       // of the pixels, that its mask lets count; above 0
+  sv_image_u8 image;  // not copied: must live as long as the trainer, and so must its mask
+  float share;        // of the pixels, that its mask lets count; above 0
+  sv_image_deep deep; // with px: what it is trained on, in the place of the image (appearance.h)
 } sv_train_view;
 
 typedef struct {
@@ -123,6 +125,8 @@ sv_status sv_train_attach(sv_trainer *t, const sv_train_hooks *hooks, void *self
 // E_FULL beyond cap_views, E_RANGE when image and view differ in size or exceed the caps.
 sv_status sv_train_add_view(sv_trainer *t, const sv_view *view, const sv_image_u8 *image,
                             sv_err *err) SV_MUST_USE;
+// With is_deep, after the view was added: the same picture in 16 bits, which is not copied either.
+void sv_train_set_deep(sv_trainer *t, int i_view, const sv_image_deep *deep);
 // Instead of image i_view one of the same size from another pose.
 void sv_train_replace_view(sv_trainer *t, int i_view, const sv_view *view, const sv_image_u8 *image);
 // The mask of a view's image has other values than before.

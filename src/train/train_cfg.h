@@ -82,6 +82,8 @@ typedef struct sv_train_cfg {
   // Weight of the squared total variation of rendered views. Default 0.
   float weight_tv;
   float weight_tv_novel; // The same, of novel views. Default 0.
+  // Views have deep pictures (sv_train_set_deep). Default false.
+  bool is_deep;
   // Noise added to predicted measurements (sv_forward_noise). Defaults 0: none.
   float noise_read, noise_shot;
   int n_novel;     // Novel views that are regularized in such a step. Default 0: none.

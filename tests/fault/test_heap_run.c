@@ -67,6 +67,7 @@ static void run_with(const char *sim, int n_threads, sv_prior_method prior) {
   w.cfg.has_preview = true;
   w.cfg.train.n_gaussians = 300;
   w.cfg.prior = prior;
+  w.cfg.is_deep = sim && strstr(sim, "depth=16");
   w.cfg.train.relocate_every = 10;
   w.cfg.train.lr.logit = 0.3f;
   w.cfg.steps = 150;
@@ -118,6 +119,7 @@ FIXTURE(remove_dir) {
 
 TEST(test_sim_1) { run_without_heap(STEREO, 1); }
 TEST(test_sim_2) { run_without_heap(STEREO, 2); }
+TEST(test_deep) { run_without_heap(STEREO ",depth=16,bracket=0.2", 2); }
 TEST(test_fsgs) { run_with(STEREO, 2, SV_PRIOR_FSGS); }
 TEST(test_sparsegs) { run_with(STEREO, 2, SV_PRIOR_SPARSEGS); }
 TEST(test_multiplexed_1) { run_without_heap(MULTIPLEXED, 1); }
@@ -129,6 +131,6 @@ TEST(test_replay_2) { run_without_heap(REPLAY, 2); }
 int main(void) {
   const struct CMUnitTest tests[] = {CASE(test_sim_1),         CASE(test_sim_2),    CASE(test_multiplexed_1),
                                      CASE(test_multiplexed_2), CASE(test_replay_1), CASE(test_replay_2),
-                                     CASE(test_fsgs),          CASE(test_sparsegs)};
+                                     CASE(test_fsgs),          CASE(test_sparsegs), CASE(test_deep)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

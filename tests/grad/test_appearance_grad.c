@@ -6,6 +6,7 @@
 
 #include "src/base/rng.h"
 #include "src/train/appearance_start.h"
+#include "src/train/step.h"
 #include "src/train/train.h"
 #include "tests/common/test.h"
 
@@ -31,6 +32,7 @@ static void open_trainer(int n_views, int n_exposures, int n_gaussians) {
   cfg.cap_views = n_views;
   cfg.cap_width_px = cfg.cap_height_px = 64;
   cfg.appearance.n_cameras = 2;
+  cfg.is_deep = true;
   cfg.appearance.n_exposures = n_exposures;
   assert_ok(sv_trainer_init(&t, &cfg, (sv_compute){&k, &pool}, &a, &err), &err);
   assert_ok(sv_planes_init(&x, W, H, &a), &err);
@@ -153,6 +155,67 @@ TEST(test_saturated) {
         assert_true(t.grad.c[0][y * t.grad.stride + i] == 0.0f);
 }
 
+// A deep view is shown by its noise curve, in units of its white, times its shutter time; with and
+// without what is learned of its camera. A probe takes the gradient's way.
+TEST(test_deep) {
+  static uint16_t px[3 * N_PX];
+  sv_image_deep deep = {
+      .px = px, .width_px = W, .height_px = H, .exposure = 0.4f, .white = 0.5f, .read = 2e-5f, .shot = 4e-4f};
+  const float black[3] = {0};
+  for (int i = 0; i < 3 * N_PX; i++) px[i] = (uint16_t)(i * 7 % 30000);
+  for (int learned = 0; learned < 2; learned++) {
+    double sum[SV_APPEARANCE_SUMS];
+    sv_planes probe;
+    open_trainer(4, 2, 16);
+    make_problem(&t.appearance.camera[1], &t.appearance.exposure[1]);
+    sv_train_set_deep(&t, 3, &deep);
+    if (!learned) sv_train_set_appearance(&t, 3, -1, -1);
+    sv_train_load_target(&t, 3, 1, black);
+    const double read = 2e-5 / 0.25, shot = 4e-4 / 0.5, at = px[N_PX + 5 * W + 7] / 65535.0 / 0.5,
+                 want = (sqrt(read + shot * at) - sqrt(read)) / (sqrt(read + shot) - sqrt(read));
+    assert_near((double)t.target.c[1][5 * t.target.stride + 7], want, 1e-5);
+    for (int c = 0; c < 3; c++) // nothing is saturated
+      for (int i = 0; i < H * t.target.stride; i++) assert_true(t.target.c[c][i] < sv_deep_saturated(&deep));
+    gradient(sum);
+    for (int s = 0; s < 60; s++) {
+      const int c = s % 3, p = (s * 7 % H) * x.stride + s * 11 % W;
+      const float was = x.c[c][p];
+      x.c[c][p] = was + (float)SPREAD;
+      const double up = value(3);
+      x.c[c][p] = was - (float)SPREAD;
+      const double down = value(3);
+      x.c[c][p] = was;
+      assert_near((double)t.grad.c[c][p], (up - down) / (2 * SPREAD), 0.01);
+    }
+    probe = t.target;
+    for (int c = 0; c < 3; c++) memcpy(probe.c[c], weights.c[c], (size_t)weights.stride * H * sizeof(float));
+    sv_train_appear_probe(&t, 3, &x, &t.views[3].view, &probe);
+    for (int c = 0; c < 3; c++)
+      for (int y = 0; y < H; y++)
+        assert_memory_equal(probe.c[c] + y * probe.stride, t.grad.c[c] + y * t.grad.stride,
+                            W * sizeof(float));
+  }
+}
+
+// What is saturated in the sensor's range takes no gradient from brighter renderings.
+TEST(test_deep_saturated) {
+  static uint16_t px[3 * N_PX];
+  sv_image_deep deep = {
+      .px = px, .width_px = W, .height_px = H, .exposure = 3, .white = 0.5f, .read = 2e-5f, .shot = 4e-4f};
+  const float black[3] = {0};
+  double sum[SV_APPEARANCE_SUMS];
+  for (int i = 0; i < 3 * N_PX; i++) px[i] = i % W < W / 2 ? 65535 : 60000;
+  open_trainer(4, 2, 16);
+  make_problem(&t.appearance.camera[1], &t.appearance.exposure[1]);
+  sv_train_set_appearance(&t, 3, -1, -1);
+  sv_train_set_deep(&t, 3, &deep);
+  for (int c = 0; c < 3; c++)
+    for (int i = 0; i < H * x.stride; i++) x.c[c][i] = 0.95f; // 3 times as bright: above 1 / white
+  sv_train_load_target(&t, 3, 1, black);
+  gradient(sum);
+  for (int i = 0; i < W; i++) assert_true((t.grad.c[0][5 * t.grad.stride + i] == 0) == (i < W / 2));
+}
+
 // The reference camera and exposure stay as they are, but for the falloff; the others move.
 TEST(test_reference) {
   open_trainer(4, 2, 16);
@@ -236,6 +299,7 @@ TEST(test_start) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_gradients), cmocka_unit_test(test_saturated),
+                                     cmocka_unit_test(test_deep),      cmocka_unit_test(test_deep_saturated),
                                      cmocka_unit_test(test_reference), cmocka_unit_test(test_start)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -58,6 +58,36 @@ static void check_to_srgb(ck *c) {
   curve_accuracy(c, c->var.linear_to_srgb, srgb, dsrgb);
 }
 
+static void check_noise_curve(ck *c) {
+  static const float noise[][2] = {{1e-6f, 1e-3f}, {1e-4f, 0}, {1e-9f, 0.5f}};
+  for (int n = 0; n < 70; n++)
+    for (int fill = 0; fill < CK_N_FILLS; fill++) {
+      if (!c->is_exact && fill >= CK_HUGE) continue;
+      ck_begin(c, "n %d %s", n, ck_fill_name(fill));
+      float *src = ck_bytes_at_end(c, sizeof(float) * (size_t)n);
+      ck_fill(c, src, (size_t)n, fill);
+      sv_noise_curve_args a = {src, ck_floats(c, (size_t)n), ck_floats(c, (size_t)n),
+                               n,   noise[n % 3][0],         noise[n % 3][1]};
+      sv_noise_curve_args b = a;
+      b.dst = ck_floats_odd(c, (size_t)n);
+      b.slope = ck_floats(c, (size_t)n);
+      c->ref.noise_curve(&a);
+      c->var.noise_curve(&b);
+      ck_same(c, "dst", a.dst, b.dst, (size_t)n, 2e-6);
+      ck_same(c, "slope", a.slope, b.slope, (size_t)n, 1e-5);
+    }
+  enum { N = 2001 };
+  ck_begin(c, "accuracy");
+  float *src = ck_floats(c, N), *dst = ck_floats(c, N), *slope = ck_floats(c, N);
+  for (int i = 0; i < N; i++) src[i] = (float)i / (N - 1);
+  c->var.noise_curve(&(sv_noise_curve_args){src, dst, slope, N, 1e-6f, 1e-3f});
+  for (int i = 0; i < N; i++) {
+    const double s0 = sqrt(1e-6), s = sqrt(1e-6 + 1e-3 * (double)src[i]), s1 = sqrt(1e-6 + 1e-3);
+    ck_true(c, fabs((double)dst[i] - (s - s0) / (s1 - s0)) < 1e-5, "value %d", i);
+    ck_true(c, fabs((double)slope[i] / (0.5 * (s1 + s0) / s) - 1) < 1e-5, "slope %d", i);
+  }
+}
+
 static sv_pack_args pack_args(ck *c, int w, int h, int fill) {
   sv_pack_args a = {.width_px = w, .stride = (w + 31) / 32 * 32, .row1 = h};
   for (int ch = 0; ch < 3; ch++) {
@@ -95,6 +125,7 @@ static void check_pack(ck *c) {
 
 static void run_lin(void *arg, const sv_kernels *k) { k->srgb_to_linear(arg); }
 static void run_srgb(void *arg, const sv_kernels *k) { k->linear_to_srgb(arg); }
+static void run_noise(void *arg, const sv_kernels *k) { k->noise_curve(arg); }
 static void run_pack(void *arg, const sv_kernels *k) { k->pack(arg); }
 static void bench_curve(ck *c, void (*run)(void *arg, const sv_kernels *k)) {
   ck_begin(c, "bench");
@@ -105,6 +136,13 @@ static void bench_curve(ck *c, void (*run)(void *arg, const sv_kernels *k)) {
 }
 static void bench_to_linear(ck *c) { bench_curve(c, run_lin); }
 static void bench_to_srgb(ck *c) { bench_curve(c, run_srgb); }
+static void bench_noise_curve(ck *c) {
+  ck_begin(c, "bench");
+  float *src = ck_floats(c, 4096);
+  ck_fill(c, src, 4096, CK_UNIT);
+  sv_noise_curve_args a = {src, ck_floats(c, 4096), NULL, 4096, 1e-6f, 1e-3f};
+  ck_time(c, "4096", 4096, run_noise, &a);
+}
 static void bench_pack(ck *c) {
   ck_begin(c, "bench");
   sv_pack_args a = pack_args(c, 320, 240, CK_UNIT);
@@ -113,4 +151,5 @@ static void bench_pack(ck *c) {
 }
 CK_REGISTER(srgb_to_linear, check_to_linear, bench_to_linear)
 CK_REGISTER(linear_to_srgb, check_to_srgb, bench_to_srgb)
+CK_REGISTER(noise_curve, check_noise_curve, bench_noise_curve)
 CK_REGISTER(pack, check_pack, bench_pack)

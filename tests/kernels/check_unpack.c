@@ -68,6 +68,45 @@ static void check_unpack(ck *c) {
     }
 }
 
+static void check_unpack16(ck *c) {
+  for (int k = 1; k <= SV_UNPACK_CAP_K; k++)
+    for (int n = 1; n <= 35; n += 7) {
+      const int w = n * k + n % k, h = 2 * k + 1, stride = (n + 31) / 32 * 32;
+      ck_begin(c, "%dx%d k %d", w, h, k);
+      sv_unpack16_args a = {
+          .width_px = w, .height_px = h, .k = k, .scale = 0.5f, .dst_stride = stride, .row1 = h / k};
+      for (int i = 0; i < 3; i++) {
+        uint16_t *src = ck_bytes_at_end(c, 2 * (size_t)(w * h));
+        ck_fill_bytes(c, src, 2 * (size_t)(w * h));
+        a.src[i] = src;
+        a.dst[i] = ck_floats(c, (size_t)(stride * (h / k)));
+      }
+      c->var.unpack16(&a);
+      for (int i = 0; i < 3; i++)
+        for (int y = 0; y < h / k; y++)
+          for (int x = 0; x < stride; x++) {
+            double sum = 0;
+            for (int j = 0; j < k * k && x < n; j++)
+              sum += a.src[i][(y * k + j / k) * w + x * k + j % k] / (65535.0 * k * k);
+            ck_true(c, fabs(0.5 * sum - (double)a.dst[i][y * stride + x]) < 2e-7, "value (%d,%d)", x, y);
+          }
+    }
+}
+
+static void run16(void *arg, const sv_kernels *k) { k->unpack16(arg); }
+static void bench_unpack16(ck *c) {
+  ck_begin(c, "bench");
+  sv_unpack16_args a = {
+      .width_px = 640, .height_px = 480, .k = 1, .scale = 1, .dst_stride = 640, .row1 = 480};
+  for (int i = 0; i < 3; i++) {
+    uint16_t *src = ck_bytes(c, 2 * 640 * 480);
+    ck_fill_bytes(c, src, 2 * 640 * 480);
+    a.src[i] = src;
+    a.dst[i] = ck_floats(c, 640 * 480);
+  }
+  ck_time(c, "640x480 k1", 640 * 480, run16, &a);
+}
+
 static void run(void *arg, const sv_kernels *k) { k->unpack(&((run_arg *)arg)->a); }
 static void bench_unpack(ck *c) {
   static const struct {
@@ -85,3 +124,4 @@ static void bench_unpack(ck *c) {
   }
 }
 CK_REGISTER(unpack, check_unpack, bench_unpack)
+CK_REGISTER(unpack16, check_unpack16, bench_unpack16)

@@ -157,6 +157,70 @@ TEST(tones_of_raw_sensors) {
   assert_false(sv_camera_tone(&o, SV_PIX_GREY10).is_linear);
 }
 
+static double linear_of(double v) { return v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4); }
+
+// Every format of more than 8 bits gives the colour in 16 bits of linear light, and its display
+// values in 8.
+TEST(deep_formats_give_the_light) {
+  int n = 0;
+  for (int f = 0; f < SV_N_PIXEL_FORMATS; f++) {
+    const sv_pixel_info *p = sv_pixel((sv_pixel_format)f);
+    sv_camera_caps caps = {.name = "c",
+                           .width_px = W,
+                           .height_px = H,
+                           .format = (sv_pixel_format)f,
+                           .tone = {.is_linear = true}};
+    sv_pool pool = sv_pool_serial();
+    sv_convert_cfg cfg = {&caps, 1, 1, NULL, true};
+    sv_convert c;
+    sv_err err;
+    sv_image_u8 out;
+    setup(NULL);
+    if (!sv_deep_knows(&caps)) {
+      assert_int_equal(sv_convert_init(&c, &cfg, &arena, &err), SV_E_UNSUPPORTED);
+      continue;
+    }
+    assert_ok(sv_convert_init(&c, &cfg, &arena, &err), &err);
+    put_picture((sv_pixel_format)f);
+    for (int i = 0; i < 3 * W * H && f == SV_PIX_RGB16; i++) {
+      px[2 * i] = (uint8_t)(257 * colour[i % 3] & 255);
+      px[2 * i + 1] = colour[i % 3];
+    }
+    const sv_frame fr = frame_of((sv_pixel_format)f);
+    assert_ok(sv_convert_deep(&c, &fr, 0.5f, &(sv_compute){&k, &pool}, &out, &err), &err);
+    for (int i = 0; i < 3 * W * H; i++) {
+      const int ch = i / (W * H), at = i % (W * H), v8 = p->layout == SV_LAYOUT_GREY ? 77 : colour[ch];
+      const double want = f == SV_PIX_RGB16 ? linear_of(v8 / 255.0) : v8 / 255.0;
+      const double got = c.deep.linear[i] / 65535.0,
+                   shown = out.px[at / W * out.stride_bytes + at % W * 3 + ch];
+      if (fabs(got - want) > 1e-3) fail_msg("%s: value %d is %g, expected %g", p->name, i, got, want);
+      assert_true(fabs(linear_of(shown / 255) - 0.5 * got) < 5e-3);
+    }
+    n++;
+  }
+  assert_int_equal(n, 26);
+}
+
+TEST(deep_tones) {
+  sv_camera_caps caps = {
+      .name = "c", .width_px = W, .height_px = H, .format = SV_PIX_RGGB10, .tone = {64, 2, 1, true}};
+  sv_convert_cfg cfg = {&caps, 1, 1, NULL, true};
+  sv_convert c;
+  sv_image_u8 out;
+  sv_pool pool = sv_pool_serial();
+  assert_int_equal(sv_convert_init(&c, &cfg, &arena, NULL), SV_OK);
+  for (int i = 0; i < W * H; i++) {
+    px[2 * i] = 364 & 255;
+    px[2 * i + 1] = 364 >> 8;
+  }
+  const sv_frame fr = frame_of(SV_PIX_RGGB10);
+  assert_int_equal(sv_convert_deep(&c, &fr, 1, &(sv_compute){&k, &pool}, &out, NULL), SV_OK);
+  for (int ch = 0; ch < 3; ch++)
+    assert_true(abs(c.deep.linear[ch * W * H + 10 * W + 10] - (int)(65535 * (ch ? 300.0 : 600.0) / 959)) < 3);
+  caps.tone.is_linear = false; // display values
+  assert_int_equal(sv_convert_init(&c, &cfg, &arena, NULL), SV_E_UNSUPPORTED);
+}
+
 static sv_status decode(void *self, const uint8_t *data, size_t bytes, const sv_decoded *to, sv_err *err) {
   sv_picture out = {to->width_px, to->height_px, to->stride_bytes, SV_PIX_RGB8, to->rgb};
   n_decoded++;
@@ -261,6 +325,8 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test_setup(every_format_gives_the_picture, setup),
       cmocka_unit_test_setup(tones_of_raw_sensors, setup),
+      cmocka_unit_test_setup(deep_formats_give_the_light, setup),
+      cmocka_unit_test_setup(deep_tones, setup),
       cmocka_unit_test_setup(tiles_of_a_jpeg_are_decoded_once, setup),
       cmocka_unit_test_setup(what_cannot_be_converted_is_refused, setup),
   };
