@@ -28,6 +28,18 @@ static sv_view look(int i) {
   return sv_view_make(W, H, (const double[]){110, 110, W / 2.0, H / 2.0}, &pose);
 }
 
+static double volume_of(const sv_mesh *m) {
+  double volume = 0;
+  for (int t = 0; t < m->n_triangles; t++) {
+    const float *p = m->vertex[m->triangle[t].v[0]].x, *q = m->vertex[m->triangle[t].v[1]].x,
+                *s = m->vertex[m->triangle[t].v[2]].x;
+    volume += (double)(p[0] * (q[1] * s[2] - q[2] * s[1]) + p[1] * (q[2] * s[0] - q[0] * s[2]) +
+                       p[2] * (q[0] * s[1] - q[1] * s[0])) /
+              6;
+  }
+  return volume;
+}
+
 // Depth of a sphere about p, where it is nearer than what was drawn before.
 static void draw(const sv_view *v, const float p[3], float radius) {
   float c[3];
@@ -77,7 +89,7 @@ TEST(test_sphere) {
   assert_false(m.is_full);
   assert_int_equal(sv_mesh_extract(&m, 1), SV_OK);
   assert_true(m.n_vertices > 3000 && m.n_triangles > 6000);
-  double sum = 0, worst = 0, volume = 0;
+  double sum = 0, worst = 0;
   for (int i = 0; i < m.n_vertices; i++) {
     const double e = fabs((double)(length3(m.vertex[i].x) - RADIUS));
     sum += e;
@@ -88,15 +100,8 @@ TEST(test_sphere) {
                 100 * sum / m.n_vertices / (double)RADIUS, 100 * worst / (double)RADIUS);
   assert_true(sum / m.n_vertices < 0.004 * (double)RADIUS && worst < 0.04 * (double)RADIUS);
   // It faces outward, so the volume is positive, and that of the sphere, so it is closed.
-  for (int t = 0; t < m.n_triangles; t++) {
-    const float *p = m.vertex[m.triangle[t].v[0]].x, *q = m.vertex[m.triangle[t].v[1]].x,
-                *s = m.vertex[m.triangle[t].v[2]].x;
-    volume += (double)(p[0] * (q[1] * s[2] - q[2] * s[1]) + p[1] * (q[2] * s[0] - q[0] * s[2]) +
-                       p[2] * (q[0] * s[1] - q[1] * s[0])) /
-              6;
-  }
   const double expected = 4.0 / 3 * 3.14159265 * pow((double)RADIUS, 3);
-  assert_true(fabs(volume - expected) < 0.02 * expected);
+  assert_true(fabs(volume_of(&m) - expected) < 0.02 * expected);
 }
 
 TEST(test_threads) {
@@ -132,6 +137,31 @@ TEST(test_floater) {
     for (int k = 0; k < 3; k++) assert_true(m.triangle[t].v[k] >= 0 && m.triangle[t].v[k] < m.n_vertices);
 }
 
+TEST(test_decimated) {
+  sv_mesh m;
+  const sv_mesh_cfg c = cfg();
+  const sv_pool serial = sv_pool_serial();
+  make(&m, 0, &c, &serial, false);
+  assert_int_equal(sv_mesh_extract(&m, 1), SV_OK);
+  const int n_before = m.n_triangles;
+  assert_int_equal(sv_mesh_decimate(&m, 0), SV_E_ARG);
+  assert_int_equal(sv_mesh_decimate(&m, n_before), SV_OK); // nothing to do
+  assert_int_equal(m.n_triangles, n_before);
+  const double volume = volume_of(&m);
+  assert_int_equal(sv_mesh_decimate(&m, 1000), SV_OK);
+  print_message("%d triangles become %d, %d vertices\n", n_before, m.n_triangles, m.n_vertices);
+  assert_in_range(m.n_triangles, 700, 1000);
+  double sum = 0;
+  for (int i = 0; i < m.n_vertices; i++) {
+    sum += fabs((double)(length3(m.vertex[i].x) - RADIUS)) / (double)RADIUS;
+    assert_true(m.vertex[i].rgb[0] == 255 && m.vertex[i].rgb[1] == 128 && m.vertex[i].rgb[2] == 0);
+  }
+  assert_true(sum / m.n_vertices < 0.01);
+  assert_true(fabs(volume_of(&m) - volume) < 0.04 * volume);
+  for (int t = 0; t < m.n_triangles; t++)
+    for (int k = 0; k < 3; k++) assert_in_range(m.triangle[t].v[k], 0, m.n_vertices - 1);
+}
+
 TEST(test_pools) {
   sv_mesh m;
   sv_mesh_cfg c = cfg();
@@ -154,6 +184,7 @@ TEST(test_pools) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_sphere), cmocka_unit_test(test_threads),
-                                     cmocka_unit_test(test_floater), cmocka_unit_test(test_pools)};
+                                     cmocka_unit_test(test_floater), cmocka_unit_test(test_decimated),
+                                     cmocka_unit_test(test_pools)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

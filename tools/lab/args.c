@@ -149,6 +149,8 @@ static const sv_option table[] = {
      0},
     {"voxel", SV_OPT_REAL, LAB_MESH, 0, AT(voxel), "SIZE",
      "edge of a voxel in the scene's unit (the scene's radius / 128)", 1e-9, 1e9, 0},
+    {"faces", SV_OPT_INT, LAB_MESH, 0, AT(faces), "N",
+     "at most N triangles: vertices that are near each other become one (all)", 4, 100000000, 0},
     {"min-views", SV_OPT_INT, LAB_MESH | LAB_EXPORT, 0, AT(min_views), "N",
      "views that must have seen a surface (5, or one in eight of fewer than 40; --keep-supported: 2)", 1, 255,
      0},

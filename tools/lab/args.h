@@ -44,6 +44,7 @@ typedef struct {
   double voxel;  // of mesh
   const char *measure_from, *measure_to;
   long view;             // of measure
+  long faces;            // of mesh; 0: all
   long min_views;        // of mesh and --keep-supported
   sv_option_list models; // of compare
   const char *labels;
