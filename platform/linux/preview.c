@@ -119,6 +119,9 @@ static sv_command command_of(sv_linux_preview *l, char byte) {
   case SV_PREVIEW_SAVE: return SV_COMMAND_SAVE;
   case SV_PREVIEW_NEW: return SV_COMMAND_NEW;
   case SV_PREVIEW_CALIBRATE: return read_board(l) ? SV_COMMAND_CALIBRATE : SV_COMMAND_NONE;
+  case SV_PREVIEW_DRAFT: return SV_COMMAND_DRAFT;
+  case SV_PREVIEW_NORMAL: return SV_COMMAND_NORMAL;
+  case SV_PREVIEW_FINE: return SV_COMMAND_FINE;
   case SV_PREVIEW_REFUSED: l->is_refused = true; return SV_COMMAND_NONE;
   case SV_PREVIEW_READY: l->is_served = true; return SV_COMMAND_NONE;
   default: return SV_COMMAND_NONE;

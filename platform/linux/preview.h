@@ -23,6 +23,9 @@
 // With four bytes: columns and rows of inner corners, and the side of a square in units of 0.1 mm,
 // the high byte first. All five in one write.
 #define SV_PREVIEW_CALIBRATE 'c'
+#define SV_PREVIEW_NORMAL    '1' // before Start
+#define SV_PREVIEW_DRAFT     '2'
+#define SV_PREVIEW_FINE      '3'
 
 typedef struct {
   sv_feed feed;

@@ -15,6 +15,7 @@
 //   GET  /scans /scan/NUMBER/NAME             earlier scans (scan_routes.h)
 //   POST /scan/NUMBER/delete /restore /purge  likewise, from the page that has control
 //   GET  /look-key    with the token: the secret of links that show and cannot control
+//   POST /draft /normal /fine                 the budget of the next Start, as /start
 //   POST /start /pause /save /new             with the token in X-Subview-Token, from the page that
 //                                             has control (X-Subview-Page, control.h)
 //   POST /calibrate?board=9x6&mm=24           likewise: cameras and rig by a chessboard

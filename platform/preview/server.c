@@ -330,10 +330,9 @@ static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *
   static const struct {
     const char *url;
     char byte;
-  } commands[] = {{"/start", SV_PREVIEW_START},
-                  {"/pause", SV_PREVIEW_PAUSE},
-                  {"/save", SV_PREVIEW_SAVE},
-                  {"/new", SV_PREVIEW_NEW}};
+  } commands[] = {{"/start", SV_PREVIEW_START}, {"/pause", SV_PREVIEW_PAUSE}, {"/save", SV_PREVIEW_SAVE},
+                  {"/new", SV_PREVIEW_NEW},     {"/draft", SV_PREVIEW_DRAFT}, {"/normal", SV_PREVIEW_NORMAL},
+                  {"/fine", SV_PREVIEW_FINE}};
   if (!strcmp(url, "/enter")) return enter(s, c);
   if (!strncmp(url, "/scan/", 6)) return post_scan(s, c, url);
   if (!strcmp(url, "/pair") || !strcmp(url, "/pin") || !strcmp(url, "/qr")) return post_access(s, c, url);

@@ -151,11 +151,12 @@ void pv_state_json(const pv_source *p, sv_str *o) {
   add_text(o, "rig", s->rig, sizeof s->rig);
   add_text(o, "sandbox", p->sandbox, sizeof p->sandbox);
   sv_str_add(o,
-             "\"session\":%s,\"exposures\":%d,\"cap_exposures\":%d,\"views\":%d,\"step\":%u,\"steps\":%u,"
+             "\"session\":%s,\"budget\":%d,\"exposures\":%d,\"cap_exposures\":%d,\"views\":%d,\"step\":%u,"
+             "\"steps\":%u,"
              "\"gaussians\":%u,\"sh\":%u,\"saves\":%llu,\"device_errors\":%llu,\"model_seq\":%llu,"
              "\"picture_seq\":%llu,\"throttled\":%d,\"n_skew\":%llu,",
-             s->is_session ? "true" : "false", s->n_exposures, s->cap_exposures, s->n_views, s->step,
-             s->steps, s->n_gaussians, s->sh_degree, (unsigned long long)s->n_saves,
+             s->is_session ? "true" : "false", s->budget, s->n_exposures, s->cap_exposures, s->n_views,
+             s->step, s->steps, s->n_gaussians, s->sh_degree, (unsigned long long)s->n_saves,
              (unsigned long long)s->n_device_errors,
              (unsigned long long)sv_feed_newest(&p->reader, SV_FEED_MODEL),
              (unsigned long long)sv_feed_newest(&p->reader, SV_FEED_PICTURE), s->is_throttled,

@@ -89,6 +89,7 @@ typedef struct {
   char sentence[256];    // of a failure
   char board[32], source[128], rig[32];
   int32_t is_session; // Start and New are accepted; the program outlives the run
+  int32_t budget;     // sv_preview_budget; -1: this run's cannot be chosen
   int32_t n_cameras, n_exposures, cap_exposures, n_views;
   uint32_t step, steps; // steps 0: until the time limit
   double train_s, time_limit_s, steps_per_s, loss;

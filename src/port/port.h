@@ -249,7 +249,10 @@ typedef enum {
   SV_COMMAND_PAUSE,
   SV_COMMAND_SAVE,
   SV_COMMAND_NEW,
-  SV_COMMAND_CALIBRATE // the cameras are wanted for a calibration
+  SV_COMMAND_CALIBRATE, // the cameras are wanted for a calibration
+  SV_COMMAND_NORMAL,    // before Start: the budget of this run (sv_preview_budget)
+  SV_COMMAND_DRAFT,
+  SV_COMMAND_FINE
 } sv_command;
 
 // Where a preview gets its images. Never blocks. rgb: [height][width][3] display values.

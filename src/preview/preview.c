@@ -137,6 +137,7 @@ static void publish_state(sv_preview *l, const char *sentence) {
   sv_copy(s->source, sizeof s->source, l->cfg.source_name ? l->cfg.source_name : "");
   sv_copy(s->rig, sizeof s->rig, l->cfg.rig->name);
   s->is_session = l->is_session;
+  s->budget = l->cfg.has_budget ? (int32_t)l->budget : -1;
   s->n_exposures = l->cfg.exposures->n;
   s->cap_exposures = l->cfg.n_exposures;
   s->n_views = sv_driver_n_views(t);
@@ -172,6 +173,7 @@ void sv_preview_show_failure(sv_feed *feed, sv_feed_cause cause, const char *boa
   memset(s, 0, sizeof *s);
   s->status = SV_FEED_STATUS_FAILED;
   s->cause = (int32_t)cause;
+  s->budget = -1;
   s->is_session = is_session;
   s->temperature_c = NAN;
   s->is_throttled = -1;
@@ -396,6 +398,11 @@ static sv_command next_command(sv_preview *l) {
   return c;
 }
 
+float sv_preview_budget_factor(sv_preview_budget b) {
+  static const float factors[SV_N_BUDGETS] = {1, 0.25f, 3};
+  return factors[b];
+}
+
 static sv_status new_or_ok(const sv_preview *l) { return l->is_new_requested ? SV_E_INTERRUPTED : SV_OK; }
 
 static void rest(sv_preview *l) {
@@ -474,6 +481,7 @@ sv_status sv_preview_wait_start(sv_preview *l, sv_err *err) {
     l->cfg.calls.beat(l->cfg.calls.self);
     publish_due(l);
     if (is_stopping(l) || l->is_new_requested) s = SV_E_INTERRUPTED;
+    if (l->cfg.has_budget && c >= SV_COMMAND_NORMAL) l->budget = (sv_preview_budget)(c - SV_COMMAND_NORMAL);
     sv_frame f;
     sv_status got = is_over ? SV_AGAIN : src->dequeue(src->self, &f, host->now_ns(host->self) + POLL_NS);
     if (got == SV_OK) {

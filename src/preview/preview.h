@@ -17,6 +17,10 @@
 #include "src/dynamic/dynamic.h"
 #include "src/train/driver.h"
 
+// How long a run trains, of the steps or the time that it was started with.
+typedef enum { SV_BUDGET_NORMAL, SV_BUDGET_DRAFT, SV_BUDGET_FINE, SV_N_BUDGETS } sv_preview_budget;
+float sv_preview_budget_factor(sv_preview_budget b);
+
 // What a run answers. self is its own.
 typedef struct {
   void *self;
@@ -47,6 +51,7 @@ typedef struct {
   uint32_t steps;                       // limits; 0: none
   double time_limit_s;
   bool is_session, starts_at_once; // sv_app_cfg
+  bool has_budget;                 // the budget of this run can be chosen before Start
   sv_preview_calls calls;
 } sv_preview_cfg;
 
@@ -81,6 +86,7 @@ typedef struct {
   uint64_t n_saves;
   bool is_coded; // all cameras compress: their thumbnails come from what was decoded anyway
   bool has_new_event, is_paused, is_new_requested, is_calibration_requested;
+  sv_preview_budget budget;
   sv_feed_status status;
 } sv_preview;
 

@@ -271,6 +271,8 @@ static void init_preview(sv_app *app) {
                               .time_limit_s = c->time_limit_s,
                               .is_session = c->is_session,
                               .starts_at_once = c->starts_at_once,
+                              .has_budget =
+                                  c->is_session && !c->starts_at_once && !c->is_dynamic && !c->is_continuous,
                               .calls = {.self = app,
                                         .log = log_line,
                                         .beat = beat,
@@ -289,9 +291,21 @@ static const char *why_untracked(const sv_app_cfg *c) {
                              : "tracking is off";
 }
 
+// The budget that was chosen on the page scales the steps, the time, and the schedules with them.
+static void apply_budget(sv_app *app) {
+  const float factor = sv_preview_budget_factor(app->preview.budget);
+  if (factor == 1) return;
+  if (app->cfg.steps) app->cfg.steps = (uint32_t)sv_maxf(1, (float)app->cfg.steps * factor);
+  app->cfg.time_limit_s *= (double)factor;
+  app->preview.cfg.steps = app->cfg.steps;
+  app->preview.cfg.time_limit_s = app->cfg.time_limit_s;
+  if (app->cfg.steps) app->trainer.cfg.expected_steps = (int)app->cfg.steps;
+}
+
 static sv_status capture(sv_app *app, sv_err *err) {
   app->state = SV_APP_CAPTURING;
   sv_status s = sv_preview_wait_start(&app->preview, err);
+  apply_budget(app);
   if (s >= 0) s = sv_capture_side_run(&app->capture, err);
   if (s >= 0) s = sv_capture_side_track(&app->capture, &app->odometry, why_untracked(&app->cfg), err);
   return s;

@@ -58,6 +58,7 @@ size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
       "GET /board.pdf?board=9x6&paper=a4" HOST "\r\nGET /board.svg?board=64x3" HOST "\r\n",
       "GET /scans" HOST "\r\nGET /scan/1/model.spz" HOST "\r\nGET /scan/12/preview.jpg" HOST "\r\n",
       "POST /scan/1/delete" HOST "\r\nPOST /scan/1/restore" HOST "\r\nPOST /scan/99999999/purge" HOST "\r\n",
+      "POST /draft" HOST "\r\nPOST /fine" HOST "\r\n",
       "PUT /x HTTP/1.0\r\nHost: evil\r\nSec-Fetch-Site: cross-site\r\n\r\n",
       "POST /save" HOST "Transfer-Encoding: chunked\r\n\r\n3\r\nabc\r\n0\r\n\r\n"};
   if (i >= (int)(sizeof texts / sizeof *texts) || strlen(texts[i]) > cap) return 0;

@@ -88,6 +88,41 @@ function open_camera(i) {
 $("camera-close").onclick = () => $("camera").close();
 $("camera").onclose = () => clearInterval(camera.timer);
 
+// --- the budget of the next run: the page keeps it, and tells the run before Start. Seconds follow
+// from the rate of the newest scan ---
+const budgets = { draft: 0.25, normal: 1, fine: 3 }, budget_names = ["normal", "draft", "fine"];
+async function learn_rate() {
+  const scan = scans.list && scans.list.scans.find((v) => !v.deleted && v.files["run.json"]);
+  if (!scan || scan.number === page.rate_of) return;
+  page.rate_of = scan.number;
+  try {
+    const r = await (await fetch("/scan/" + scan.number + "/run.json")).json();
+    page.step_s = r.steps_per_second > 0 ? 1 / r.steps_per_second : 0;
+  } catch (e) {
+    page.step_s = 0;
+  }
+}
+function show_budget(s) {
+  $("budget").hidden = s.state !== "waiting" || s.budget < 0 || $("start").disabled;
+  if ($("budget").hidden) return;
+  const wish = document.querySelector("[name=budget]:checked").value;
+  if (budget_names[s.budget] !== wish && page.told !== wish + s.seq) (page.told = wish + s.seq), ask(wish);
+  for (const input of document.querySelectorAll("[name=budget]")) {
+    const k = budgets[input.value], base = s.time_limit ? s.time_limit : s.steps * (page.step_s || 0), seconds = k * base;
+    const text = !seconds ? s.steps ? Math.round(k * s.steps) + " steps" : "" : seconds < 90 ? "about " + Math.max(1, Math.round(seconds)) + " s" : "about " + Math.round(seconds / 60) + " min";
+    if (input.nextElementSibling.textContent !== text) input.nextElementSibling.textContent = text;
+  }
+}
+let stored_budget = null;
+try { stored_budget = localStorage.getItem("budget"); } catch (e) { /* private mode */ }
+for (const input of document.querySelectorAll("[name=budget]")) {
+  if (input.value === stored_budget) input.checked = true;
+  input.onchange = () => {
+    try { localStorage.setItem("budget", input.value); } catch (e) { /* private mode */ }
+    ask(input.value);
+  };
+}
+
 // --- settings ---
 function show_settings(s) {
   if ($("page-settings").hidden) return;
@@ -131,4 +166,5 @@ async function show_sizes(s) {
 }
 function show_around(s) {
   show_control(s), show_advice(s), show_settings(s), show_sizes(s), show_calibration(s);
+  show_budget(s), learn_rate();
 }
