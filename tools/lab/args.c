@@ -11,7 +11,7 @@
 
 #define AT(field) offsetof(lab_options, field)
 #define DATA      (LAB_TRAIN | LAB_EVAL | LAB_RENDER | LAB_COMPARE | LAB_MESH | LAB_MEASURE)
-#define ALL       (DATA | LAB_EXPORT | LAB_IMPORT | LAB_BENCH | LAB_TABLES)
+#define ALL       (DATA | LAB_EXPORT | LAB_IMPORT | LAB_BENCH | LAB_TABLES | LAB_INFO)
 #define MODEL     (LAB_EVAL | LAB_RENDER | LAB_EXPORT | LAB_MESH | LAB_MEASURE)
 #define OUT       (LAB_TRAIN | LAB_RENDER | LAB_EXPORT | LAB_IMPORT | LAB_TABLES | LAB_COMPARE | LAB_MESH)
 
@@ -21,6 +21,12 @@ static const sv_option table[] = {
      0, 0, 0},
     {"data", SV_OPT_TEXT, LAB_TABLES, LAB_TABLES, AT(data), "DIR[,DIR...]",
      "datasets with files transforms_train_DEVICE[_thetaT].json", 0, 0, 0},
+    {"data", SV_OPT_TEXT, LAB_INFO, 0, AT(data), "DIR", "dataset: a folder with transforms JSON and images",
+     0, 0, 0},
+    {"rig", SV_OPT_TEXT, LAB_INFO, 0, AT(rig), "DIR", "a rig instead", 0, 0, 0},
+    {"distance", SV_OPT_REAL, LAB_INFO, 0, AT(distance_m), "M", "of what the rig looks at, in meters", 1e-6,
+     1e6, 0},
+    {"split", SV_OPT_TEXT, LAB_INFO, 0, AT(split), "S", "views: train, test, all, ... (train)", 0, 0, 0},
     {"quick", SV_OPT_FLAG, LAB_TABLES, 0, AT(is_quick), 0, "only the first dataset, fewer points and steps",
      0, 0, 0},
     {"plan", SV_OPT_TEXT, LAB_TABLES, 0, AT(plan), "FILE",
@@ -29,7 +35,7 @@ static const sv_option table[] = {
      "run nothing: make the tables of the results that are there, and tell what is missing", 0, 0, 0},
     {"jobs", SV_OPT_INT, LAB_TABLES, 0, AT(n_jobs), "N",
      "run so many jobs at a time, by GNU parallel (as many as there are CPUs for)", 1, 1024, 0},
-    {"transforms", SV_OPT_TEXT, DATA, 0, AT(transforms), "FILE",
+    {"transforms", SV_OPT_TEXT, DATA | LAB_INFO, 0, AT(transforms), "FILE",
      "training file (transforms_train.json, else transforms.json with every 8th view held out)", 0, 0, 0},
     {"exposures", SV_OPT_INT, LAB_TRAIN, 0, AT(exposures), "N",
      "train on N exposures: the first N, or without exposure numbers the N most dispersed views", 1, 1e6, 0},
@@ -178,7 +184,7 @@ static const sv_option table[] = {
     {"threads", SV_OPT_INT, DATA | LAB_BENCH, 0, AT(threads), "N", "threads (all CPUs)", 1, 64, 0},
     {"eval", SV_OPT_FLAG, LAB_TRAIN, 0, AT(is_eval), 0,
      "evaluate at the end on split test (test_near with --exposures 1)", 0, 0, 0},
-    {"json", SV_OPT_FLAG, LAB_TRAIN | LAB_EVAL | LAB_BENCH | LAB_MEASURE, 0, AT(is_json), 0,
+    {"json", SV_OPT_FLAG, LAB_TRAIN | LAB_EVAL | LAB_BENCH | LAB_MEASURE | LAB_INFO, 0, AT(is_json), 0,
      "print one JSON object on stdout", 0, 0, 0},
     {"quiet", SV_OPT_FLAG, ALL, 0, AT(is_quiet), 0, "no progress messages on stderr", 0, 0, 0},
     {"out", SV_OPT_TEXT, OUT, OUT, AT(out), "PATH",
@@ -221,6 +227,10 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
     return lab_usage(c->name, "--keep, --baseline, --focal and --focus need --from lenslet");
   if (o->steps >= 0 && o->time_limit_s >= 0)
     return lab_usage(c->name, "--steps and --time-limit cannot be combined");
+  if (c->bit == LAB_INFO && (o->data != NULL) == (o->rig != NULL))
+    return lab_usage(c->name, "--data or --rig is needed, and not both");
+  if (c->bit == LAB_INFO && (o->rig != NULL) != (o->distance_m > 0))
+    return lab_usage(c->name, "--rig and --distance need each other");
   if (c->bit == LAB_TABLES && o->plan && o->is_collected)
     return lab_usage(c->name, "--plan and --collect cannot be combined");
   if (c->bit == LAB_TABLES && o->n_jobs > 0 && (o->plan || o->is_collected))

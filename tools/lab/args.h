@@ -24,7 +24,8 @@ enum {
   LAB_TABLES = 64,
   LAB_COMPARE = 128,
   LAB_MESH = 256,
-  LAB_MEASURE = 512
+  LAB_MEASURE = 512,
+  LAB_INFO = 1024
 };
 
 // NULL and -1 stand for "not given"; a given number is inside its range.
@@ -40,8 +41,9 @@ typedef struct {
   long exposures, gaussians, sh, steps, scale, seed, threads, orbit, frames, keep, spz_version;
   double time_limit_s, baseline_m, focal_px, focus_m;
   const char *rig, *stream;
-  double unit_m; // 0: not given
-  double voxel;  // of mesh
+  double unit_m;     // 0: not given
+  double distance_m; // of info
+  double voxel;      // of mesh
   const char *measure_from, *measure_to;
   long view;             // of measure
   long faces;            // of mesh; 0: all

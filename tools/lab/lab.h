@@ -24,6 +24,7 @@ int lab_cmd_tables(const lab_options *o);
 int lab_cmd_compare(const lab_options *o);
 int lab_cmd_mesh(const lab_options *o);
 int lab_cmd_measure(const lab_options *o);
+int lab_cmd_info(const lab_options *o);
 
 // --- the machine (session.c) ---------------------------------------------------------------------
 typedef struct {

@@ -54,6 +54,15 @@ static const lab_command commands[] = {
       "200,120",
       LAB_MEASURE},
      lab_cmd_measure},
+    {{"info", "--data DIR | --rig DIR --distance M [options]", "views, exposures and angular baseline",
+      "Prints what a split of a dataset holds, and the angular baseline theta: the largest angle between "
+      "two\n"
+      "sub-views of an exposure, seen from the centroid of the dataset's points; without points from the "
+      "point\nnearest to all optical axes; of a rig from the point so many meters before it.",
+      "  subview-lab info --data garden_data\n"
+      "  subview-lab info --rig rig --distance 1.5 --json",
+      LAB_INFO},
+     lab_cmd_info},
     {{"render", "[--data DIR] --model FILE --out DIR|NAME.mp4|NAME.webp [options]",
       "render images of a model",
       "Writes a PNG for each view of a split, or for N views on a circle around the scene. With --depth "

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+// `subview-lab info`: the angular baseline of datasets and rigs.
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "tests/common/lab_shell.h"
+#include "tests/common/test.h"
+
+static lab_shell shell = {.cwd = ""};
+
+static int setup(void **state) {
+  (void)state;
+  const int r = lab_shell_open(&shell, "info");
+  shell.is_ready = r == 0;
+  if (r == 0) lab_shell_run_well(&shell, "@ import --from sim textured,size=48x48 --out s --quiet");
+  return r < 0 ? -1 : 0;
+}
+static int teardown(void **state) {
+  (void)state;
+  return lab_shell_close(&shell);
+}
+
+static double number(const char *key) {
+  const char *at = strstr(shell.said, key);
+  if (!at) fail_msg("no %s in: %s", key, shell.said);
+  return strtod(at + strlen(key) + 1, NULL);
+}
+
+// The simulator's devices have 10 degrees about the origin, for each exposure.
+TEST(test_theta) {
+  static const char *const devices[] = {"mono", "phone", "stereo", "lightfield"};
+  static const int n_sub_views[] = {1, 3, 2, 16};
+  lab_shell_need(&shell);
+  for (int i = 0; i < 4; i++) {
+    char line[200];
+    snprintf(line, sizeof line, "@ info --data s --transforms transforms_train_%s.json --json", devices[i]);
+    lab_shell_run_well(&shell, line);
+    assert_true(fabs(number("\"theta_deg\"") - (i ? 10 : 0)) < 1e-3);
+    assert_true(number("\"theta_max_deg\"") - number("\"theta_min_deg\"") < 1e-3);
+    assert_int_equal(number("\"sub_views\""), n_sub_views[i]);
+    assert_int_equal(number("\"exposures\""), 3);
+  }
+}
+
+// About the points' centroid where there are points: at twice the distance half the angle.
+TEST(test_points) {
+  lab_shell_need(&shell);
+  lab_shell_run_well(&shell,
+                     "mkdir p && cp -r s/train p/ && "
+                     "printf '{\"camera_angle_x\": 0.9, \"ply_file_path\": \"p.ply\", \"frames\": [\\n"
+                     "{\"file_path\": \"train/mono/e00_s00.png\", \"exposure\": 0, \"transform_matrix\": "
+                     "[[1,0,0,-1],[0,1,0,0],[0,0,1,0],[0,0,0,1]]},\\n"
+                     "{\"file_path\": \"train/mono/e01_s00.png\", \"exposure\": 0, \"transform_matrix\": "
+                     "[[1,0,0,1],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}\\n' > p/transforms_train.json && "
+                     "printf 'ply\\nformat ascii 1.0\\nelement vertex 2\\nproperty float x\\n"
+                     "property float y\\nproperty float z\\nend_header\\n"
+                     "1 0 -12\\n-1 0 -8\\n' > p/p.ply");
+  lab_shell_run_well(&shell, "@ info --data p --json");
+  assert_true(fabs(number("\"theta_deg\"") - 2 * atan(0.1) * 180 / 3.14159265358979) < 1e-4);
+  assert_contains(shell.said, "the centroid of the points");
+  lab_shell_run_well(&shell, "@ info --data p");
+  assert_contains(shell.said, "angular baseline theta: 11.421 degrees");
+}
+
+TEST(test_refused) {
+  lab_shell_need(&shell);
+  assert_int_equal(lab_shell_run(&shell, "@ info"), 2);
+  assert_contains(shell.said, "--data or --rig is needed");
+  assert_int_equal(lab_shell_run(&shell, "@ info --rig r"), 2);
+  assert_contains(shell.said, "--rig and --distance need each other");
+  assert_int_equal(lab_shell_run(&shell, "@ info --rig nowhere --distance 1"), 1);
+  assert_contains(shell.said, "nowhere");
+}
+
+// A rig of one baseline: 2 atan(baseline / 2 / distance), for parallel axes.
+TEST(test_rig) {
+  lab_shell_need(&shell);
+  lab_shell_run_well(&shell,
+                     "mkdir c && cp -r \"$SV_DATA/capture_tiny/rig\" c/ && @ info --rig c/rig --distance 2 "
+                     "--json");
+  const double near = number("\"theta_deg\"");
+  lab_shell_run_well(&shell, "@ info --rig c/rig --distance 4 --json");
+  assert_true(near > 0 && fabs(near / number("\"theta_deg\"") - 2) < 0.05);
+}
+
+int main(void) {
+  char here[500];
+  if (!getcwd(here, sizeof here - 20)) return 1;
+  strcat(here, "/tests/data");
+  setenv("SV_DATA", here, 1);
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_theta), cmocka_unit_test(test_points),
+                                     cmocka_unit_test(test_refused), cmocka_unit_test(test_rig)};
+  return cmocka_run_group_tests(tests, setup, teardown);
+}
