@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
-#include "src/capture/motion.h"
 #include "src/train/checkpoint.h"
 #include "src/train/seed.h"
 
@@ -173,21 +172,6 @@ static sv_heat heat_now(void *self) { return sv_app_heat(self); }
 static bool is_exposure_due(void *self) { return sv_app_is_exposure_due(self); }
 static sv_status publish(void *self) { return sv_app_publish_preview(self); }
 
-// View i_view of the trainer is sub-view i_sub of exposure e.
-static void set_rolling(sv_app *app, int i_view, int e, int i_sub) {
-  sv_row_time time;
-  double motion[6];
-  const bool is_rolling = sv_exposures_rolling(&app->exposures, e, i_sub, &time, motion);
-  if (is_rolling) sv_train_set_rolling(&app->trainer, i_view, &time, motion);
-}
-
-static void set_deep(sv_app *app, int i_view, int e, int i_sub) {
-  sv_image_deep deep;
-  if (!app->cfg.is_deep) return;
-  sv_exposures_deep(&app->exposures, e, i_sub, &deep);
-  sv_train_set_deep(&app->trainer, i_view, &deep);
-}
-
 // The newest exposure takes the place of the oldest, in the pool and in what is trained on.
 static sv_status replace_oldest(void *self, sv_err *err) {
   sv_app *app = self;
@@ -203,8 +187,7 @@ static sv_status replace_oldest(void *self, sv_err *err) {
     sv_exposures_get(&app->exposures, slot, i, &image, &view);
     view.time = sv_app_time_of(app, app->exposures.exposure[slot].time_ns);
     sv_train_replace_view(&app->trainer, slot * n + i_view, &view, &image);
-    set_deep(app, slot * n + i_view, slot, i);
-    set_rolling(app, slot * n + i_view++, slot, i);
+    sv_app_describe_view(app, slot * n + i_view++, slot, i);
   }
   return sv_app_enter_exposure(app, slot);
 }
@@ -370,39 +353,6 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
 
 // --- training ------------------------------------------------------------------------------------
 
-static sv_status add_pictures(sv_app *app, int e, sv_err *err) {
-  for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
-    sv_image_u8 image;
-    sv_view view;
-    if (!sv_app_is_trained_on(&app->cfg, i)) continue;
-    sv_exposures_get(&app->exposures, e, i, &image, &view);
-    view.time = sv_app_time_of(app, app->exposures.exposure[e].time_ns);
-    sv_status s = sv_train_add_view(&app->trainer, &view, &image, err);
-    if (s < 0) return s;
-    set_deep(app, app->trainer.n_views - 1, e, i);
-    set_rolling(app, app->trainer.n_views - 1, e, i);
-    sv_train_set_appearance(&app->trainer, app->trainer.n_views - 1, app->cfg.rig->sub_views[i].i_camera, e);
-    if (app->cfg.is_refining)
-      sv_train_refine_view(&app->trainer, app->trainer.n_views - 1, e,
-                           &app->cfg.rig->sub_views[i].cam_from_rig,
-                           &app->exposures.exposure[e].rig_from_world,
-                           app->trainer.views[0].view.i_exposure == view.i_exposure);
-  }
-  return SV_OK;
-}
-
-static sv_status add_measurements(sv_app *app, int e, sv_err *err) {
-  const sv_measurements *pool = &app->exposures.measurements;
-  for (int i = 0; i < pool->n_sensors; i++) {
-    sv_multiplexed model;
-    const uint16_t *px;
-    sv_measurements_get(pool, e, i, &model, &px);
-    sv_status s = sv_train_add_measurement(&app->trainer, &model, px, err);
-    if (s < 0) return s;
-  }
-  return SV_OK;
-}
-
 // Where the first Gaussians are, without a look at the surface: on odometry's points, in the known
 // bounds, or on rays through the images.
 static void choose_blind(sv_app *app, sv_driver_start *start) {
@@ -452,35 +402,13 @@ static sv_bounds bounds_of_views(sv_app *app) {
   return b;
 }
 
-// How the rig moves while the lines of its cameras are read.
-static void log_motion(sv_app *app) {
-  if (!app->trainer.cfg.is_rolling) return;
-  const sv_motion_summary m = sv_exposures_motion(&app->exposures);
-  sv_app_log(app, SV_LOG_INFO,
-             "rolling shutter: motion of %d of %d exposures known, %.1f degrees/s and %.2f m/s in the mean",
-             m.n, app->exposures.n, m.turn_rad_s * 180 / SV_PI, m.move);
-}
-
-static void log_deep(sv_app *app) {
-  bool is_known = true;
-  if (!app->cfg.is_deep) return;
-  for (int i = 0; i < app->cfg.rig->n_sub_views; i++) {
-    const sv_sensor_noise *n = &app->cfg.rig->sub_views[i].noise;
-    is_known &= n->read > 0 || n->shot > 0;
-  }
-  sv_app_log(app, SV_LOG_INFO, "16 bits: white is %.3g of the sensor's range; noise %s",
-             (double)app->exposures.white,
-             is_known ? "of the rig" : "of a usual sensor (the rig has none: subview-calibrate noise)");
-}
-
 static sv_status first_or_resumed(sv_app *app, sv_err *err) {
   const bool is_tracked = app->odometry.is_tracked;
-  log_motion(app);
-  log_deep(app);
+  sv_app_log_views(app);
   sv_app_begin_moving(app);
   for (int e = 0; e < app->exposures.n; e++) {
     if (is_tracked && !app->exposures.exposure[e].has_pose) continue; // nobody knows where it was
-    sv_status added = is_multiplexed(&app->cfg) ? add_measurements(app, e, err) : add_pictures(app, e, err);
+    const sv_status added = sv_app_add_views(app, e, err);
     if (added < 0) return added;
   }
   bool has_bounds = app->cfg.has_bounds && !is_tracked; // bounds are of a world that was not found

@@ -88,4 +88,12 @@ void sv_app_beat(sv_app *app);
 // The processor's temperature now; keeps the highest.
 sv_heat sv_app_heat(sv_app *app);
 
+// --- views.c: from the pool to the trainer ---
+// Exposure e of the pool becomes views of the trainer, or measurements.
+sv_status sv_app_add_views(sv_app *app, int e, sv_err *err) SV_MUST_USE;
+// View i_view of the trainer is sub-view i_sub of exposure e: its rolling shutter and deep picture.
+void sv_app_describe_view(sv_app *app, int i_view, int e, int i_sub);
+// What is known of rolling shutters and deep pictures goes to the log.
+void sv_app_log_views(sv_app *app);
+
 #endif
