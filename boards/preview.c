@@ -55,7 +55,8 @@ static void print_link(const run_options *o, const char *addr, bool is_first) {
   // A phone cannot reach loopback
   const bool has_code = is_first && strncmp(addr, "127.", 4) != 0 && strcmp(addr, "::1") != 0;
   char link[SV_QR_CAP_TEXT], where[96];
-  sv_fmt(where, sizeof where, strchr(addr, ':') ? "http://[%s]:%d/" : "http://%s:%d/", addr, o->preview_port);
+  sv_fmt(where, sizeof where, strchr(addr, ':') ? "http%s://[%s]:%d/" : "http%s://%s:%d/", o->tls ? "s" : "",
+         addr, o->preview_port);
   sv_fmt(link, sizeof link, "%s#%s", where, live.token);
   if (o->console && is_first) print_on_console(o, link);
   if (isatty(2)) {
@@ -160,6 +161,7 @@ sv_status preview_open(const run_options *o, sv_err *err) {
   if (s >= 0 && has_token_file) s = read_token(o->token_file, err);
   const bool is_new = !live.token[0];
   name_scans(o);
+  live.tls_file = o->tls;
   if (s >= 0 && o->preview) s = sv_linux_preview_serve(&live, NULL, o->preview_addr, o->preview_port, err);
   if (s >= 0 && has_token_file && is_new) s = write_token(o->token_file, err);
   if (s >= 0 && o->preview) print_links(o);

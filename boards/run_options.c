@@ -121,6 +121,8 @@ static const sv_option rows[] = {
     {"token-file", SV_OPT_TEXT, 1, 0, AT(token_file), "FILE",
      "keeps the page's token, so that its link stays valid; made when missing [a new token each time]", 0, 0,
      NULL},
+    {"tls", SV_OPT_TEXT, 1, 0, AT(tls), "FILE",
+     "serve the page over TLS (https) with the key and certificate in FILE; made when missing", 0, 0, NULL},
     {"console", SV_OPT_TEXT, 1, 0, AT(console), "TTY",
      "show the page's link and its QR code on this terminal, too: /dev/tty1 is that of an attached display",
      0, 0, NULL},

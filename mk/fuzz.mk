@@ -12,7 +12,7 @@ PROGS_fuzz := $(FUZZ_SRC:%.c=$(O)/%)
 $(PROGS_fuzz): $(O)/tests/fuzz/%: $(O)/obj/tests/fuzz/%.o $(call obj,$(FUZZ_MAIN)) $(TEST_ARCHIVES)
 	$(call link,$(FUZZ_LDFLAGS) $(FUZZ_LIBS))
 $(FUZZ_PAGE:%.c=$(O)/%): $(call obj,$(filter-out %/main.c,$(PREVIEW_SRC)))
-$(FUZZ_PAGE:%.c=$(O)/%): FUZZ_LIBS = -lmicrohttpd -lseccomp
+$(FUZZ_PAGE:%.c=$(O)/%): FUZZ_LIBS = -lmicrohttpd -lseccomp $(call has_lib,gnutls/x509.h,-lgnutls)
 
 # These wait for the system, or copy much: fewer mutations in a short run.
 FUZZ_ARGS_fuzz_http := -n 500

@@ -27,7 +27,8 @@ link = @mkdir -p $(@D); $(if $(V),echo link $@;) $(CC) $(filter %.o,$^) $(filter
 $(O)/bin/subview: $(call obj,$(MAIN_SRC)) $(ARCHIVES)
 	$(call link)
 $(O)/bin/subview-preview: $(call obj,$(PREVIEW_SRC)) $(O)/libplatform.a $(CORE)
-	$(call link,$(call has_lib,microhttpd.h,-lmicrohttpd) $(call has_lib,seccomp.h,-lseccomp))
+	$(call link,$(call has_lib,microhttpd.h,-lmicrohttpd) $(call has_lib,seccomp.h,-lseccomp) \
+	  $(call has_lib,gnutls/x509.h,-lgnutls))
 $(O)/bin/subview-lab: $(call obj,tools/lab/main.c) $(ARCHIVES)
 	$(call link)
 $(O)/bin/subview-calibrate: $(call obj,tools/calibrate/main.c) $(O)/libcalibrate.a $(ARCHIVES)

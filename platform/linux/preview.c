@@ -201,6 +201,11 @@ sv_status sv_linux_preview_serve(sv_linux_preview *l, const char *program, const
   char *argv[] = {l->program, "--listen", l->listen, "--feed-fd", feed_text, "--command-fd", pipe_text, NULL};
   size_t n = sizeof argv / sizeof *argv - 1;
   memcpy(l->argv, argv, sizeof argv);
+  if (l->tls_file) {
+    l->argv[n++] = "--tls";
+    l->argv[n++] = (char *)(uintptr_t)l->tls_file;
+    l->argv[n] = NULL;
+  }
   if (l->scans[0]) {
     l->argv[n++] = "--scans";
     l->argv[n++] = l->scans;

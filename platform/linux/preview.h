@@ -36,7 +36,8 @@ typedef struct {
   // Earlier scans for the page (subview-preview --scans --scan-name); empty: none
   char scans[512], scan_name[128];
   char *argv[24];
-  pid_t pid; // 0: not running
+  const char *tls_file; // of --tls, set before serve; NULL: plain HTTP
+  pid_t pid;            // 0: not running
   sv_ns started_ns, beat_ns, next_start_ns, next_look_ns;
   bool is_served, is_refused;
   uint32_t n_restarts;

@@ -39,12 +39,15 @@ bool pv_host_is_ours(const char *host, int port, const char *machine_name) {
   if (!host || !split_host(host, name, sizeof name, &given) || given != port) return false;
   if (inet_pton(AF_INET, name, raw) == 1 || inet_pton(AF_INET6, name, raw) == 1) return true;
   sv_fmt(local, sizeof local, "%s.local", machine_name);
-  return !strcasecmp(name, "localhost") || (*machine_name && !strcasecmp(name, machine_name)) ||
-         (*machine_name && !strcasecmp(name, local));
+  // .local is asked of this network alone (mDNS)
+  return !strcasecmp(name, "localhost") || !strcasecmp(name, "subview.local") ||
+         (*machine_name && !strcasecmp(name, machine_name)) || (*machine_name && !strcasecmp(name, local));
 }
 
-bool pv_origin_is_ours(const char *origin, const char *host) {
-  return !origin || (!strncmp(origin, "http://", 7) && !strcasecmp(origin + 7, host));
+bool pv_origin_is_ours(const char *origin, const char *scheme, const char *host) {
+  const size_t n = strlen(scheme);
+  return !origin ||
+         (!strncmp(origin, scheme, n) && !strncmp(origin + n, "://", 3) && !strcasecmp(origin + n + 3, host));
 }
 
 bool pv_token_is(const char *given, const char *token) {

@@ -15,6 +15,7 @@
 #include "platform/linux/linux.h"
 #include "platform/linux/preview.h"
 #include "platform/preview/preview.h"
+#include "platform/preview/tls.h"
 
 #define DATA_BYTES (96u << 20) // beside what a snapshot of the model takes
 #define BEAT_MS    500
@@ -24,6 +25,7 @@ typedef struct {
   char addr[64];
   int port, feed_fd, command_fd;
   long attach_pid;
+  const char *tls; // NULL: plain HTTP
   const char *scans, *scan_name;
 } options;
 
@@ -51,6 +53,8 @@ static void help(void) {
          "                         on that network can connect, and reading needs the token, too\n"
          "  --scans DIR            shows the scans DIR/0001, DIR/0002, ... and can delete them\n"
          "  --scan-name NAME       they are DIR/NAME, DIR/NAME-2, ...\n"
+         "  --tls FILE             serve over TLS with the key and certificate in FILE; made when "
+         "missing\n"
          "  --feed-fd N --command-fd N   used by subview itself\n"
          "  --version              print the version\n"
          "  --help                 this text\n\n"
@@ -85,6 +89,9 @@ static int parse(int argc, char **argv, options *o, sv_err *err) {
     } else if (!strcmp(argv[i], "--scans") || !strcmp(argv[i], "--scan-name")) {
       if (!*value) return usage("%s: a name is missing", argv[i]);
       *(argv[i][6] == 's' ? &o->scans : &o->scan_name) = value;
+    } else if (!strcmp(argv[i], "--tls")) {
+      if (!*value) return usage("%s: expected a file", argv[i]);
+      o->tls = value;
     } else if (!strcmp(argv[i], "--attach") || !strcmp(argv[i], "--feed-fd") ||
                !strcmp(argv[i], "--command-fd")) {
       if (!sv_parse_int(value, strlen(value), &v) || v < 1 || v > 1 << 30)
@@ -165,21 +172,26 @@ static bool is_gone(pid_t writer) { return kill(writer, 0) != 0 && errno == ESRC
 static int serve(options *o, pv_source *source, sv_err *err) {
   static char token[PV_CAP_TOKEN + 1], read_key[PV_CAP_TOKEN + 1];
   bool is_child = !o->attach_pid;
+  static pv_tls tls;
   pv_server *server;
   sv_status s = make_token(token, err);
+  if (s >= 0 && o->tls) s = pv_tls_load(&tls, o->tls, err);
+  if (s >= 0 && o->tls)
+    say(2, "certificate: %sSHA-256 %s\n", tls.is_new ? "new, browsers ask once; " : "", tls.fingerprint);
   make_key(read_key);
   pv_server_cfg cfg = {.source = source,
                        .addr = o->addr,
                        .port = o->port,
                        .command_fd = o->command_fd,
                        .token = token,
+                       .tls_pem = o->tls ? tls.pem : NULL,
                        .read_key = read_key,
                        .is_private = !is_loopback(o->addr)};
   long writer = source->reader.header->writer_pid;
   if (s >= 0) s = pv_server_open(&server, &cfg, err);
   if (s >= 0 && !is_child)
-    say(2, strchr(o->addr, ':') ? "page: http://[%s]:%d/#%s\n" : "page: http://%s:%d/#%s\n", o->addr, o->port,
-        token);
+    say(2, strchr(o->addr, ':') ? "page: http%s://[%s]:%d/#%s\n" : "page: http%s://%s:%d/#%s\n",
+        o->tls ? "s" : "", o->addr, o->port, token);
   if (s >= 0) s = pv_sandbox_enter(source->sandbox, sizeof source->sandbox, err);
   if (s < 0) {
     say(2, "subview-preview: %s\n", err->text);

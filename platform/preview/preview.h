@@ -108,6 +108,7 @@ typedef struct {
   int port, command_fd;
   const char *token;    // of PV_MIN_TOKEN to PV_CAP_TOKEN characters; empty: nothing can be changed
   const char *read_key; // the cookie's value: browsers send cookies to all ports of this machine
+  const char *tls_pem;  // key and certificate; NULL: plain HTTP
   bool is_private;      // not on loopback: reading takes the token or the cookie
 } pv_server_cfg;
 
@@ -119,7 +120,7 @@ void pv_server_step(pv_server *s, int timeout_ms);
 
 // May a request with these headers be answered? host NULL: none was sent.
 bool pv_host_is_ours(const char *host, int port, const char *machine_name);
-bool pv_origin_is_ours(const char *origin, const char *host);
+bool pv_origin_is_ours(const char *origin, const char *scheme, const char *host);
 // In a time that does not depend on where they differ. False for an empty token.
 bool pv_token_is(const char *given, const char *token);
 #define PV_MIN_TOKEN 16

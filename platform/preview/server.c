@@ -254,6 +254,8 @@ static const char *header(struct MHD_Connection *c, const char *name) {
   return MHD_lookup_connection_value(c, MHD_HEADER_KIND, name);
 }
 
+static const char *scheme_of(const pv_server *s) { return s->cfg.tls_pem ? "https" : "http"; }
+
 static const char *page_of(struct MHD_Connection *c) { return header(c, "X-Subview-Page"); }
 
 static bool has_token(const pv_server *s, struct MHD_Connection *c, bool is_to_read) {
@@ -284,7 +286,8 @@ static enum MHD_Result enter(pv_server *s, struct MHD_Connection *c) {
   if (!has_all && !pv_token_is(header(c, "X-Subview-Token"), s->cfg.read_key)) return refuse_token(c);
   const uint32_t seat = has_all ? pv_control_enter(&s->cfg.source->control, page_of(c), now_ns()) : 0;
   struct MHD_Response *r = MHD_create_response_from_buffer(0, (void *)(uintptr_t) "", MHD_RESPMEM_PERSISTENT);
-  sv_fmt(text, sizeof text, "%s=%s; Path=/; HttpOnly; SameSite=Strict", s->cookie, s->cfg.read_key);
+  sv_fmt(text, sizeof text, "%s=%s; Path=/; HttpOnly; SameSite=Strict%s", s->cookie, s->cfg.read_key,
+         s->cfg.tls_pem ? "; Secure" : "");
   if (r && s->cfg.read_key[0]) MHD_add_response_header(r, "Set-Cookie", text);
   sv_fmt(text, sizeof text, "%u", seat);
   if (r) MHD_add_response_header(r, "X-Subview-Seat", text);
@@ -308,7 +311,7 @@ static enum MHD_Result post_access(pv_server *s, struct MHD_Connection *c, const
   if (!strcmp(url, "/pair")) a = pv_pair(&s->pin, header(c, "X-Subview-Pin"), token, now_ns());
   else if (!has_token(s, c, false)) return refuse_token(c);
   else if (!strcmp(url, "/pin")) a = pv_pin_new(&s->pin, now_ns());
-  else a = pv_link_code("http", header(c, "Host"), token);
+  else a = pv_link_code(scheme_of(s), header(c, "Host"), token);
   return finish(c, a.code, a.response, a.type);
 }
 
@@ -430,7 +433,7 @@ static enum MHD_Result answer(void *cls, struct MHD_Connection *c, const char *u
   if (!pv_host_is_ours(host, s->cfg.port, s->machine))
     return say(c, MHD_HTTP_FORBIDDEN, "unknown host name: open the link that subview printed\n");
   const char *site = header(c, "Sec-Fetch-Site");
-  if (!pv_origin_is_ours(header(c, "Origin"), host) ||
+  if (!pv_origin_is_ours(header(c, "Origin"), scheme_of(s), host) ||
       (site && !strcmp(site, "cross-site") && strcmp(url, "/")))
     return say(c, MHD_HTTP_FORBIDDEN, "refused: the request comes from another site\n");
   if (!strcmp(method, "GET") || !strcmp(method, "HEAD")) return get(s, c, url);
@@ -516,13 +519,22 @@ sv_status pv_server_open(pv_server **out, const pv_server_cfg *cfg, sv_err *err)
   sv_fmt(s->cookie, sizeof s->cookie, "subview-%d", cfg->port);
   int fd = listen_on(cfg, err);
   if (fd < 0) return SV_E_DEVICE;
+  const struct MHD_OptionItem tls[] = {{MHD_OPTION_HTTPS_MEM_KEY, 0, (void *)(uintptr_t)cfg->tls_pem},
+                                       {MHD_OPTION_HTTPS_MEM_CERT, 0, (void *)(uintptr_t)cfg->tls_pem},
+                                       {MHD_OPTION_END, 0, NULL}},
+                              none[] = {{MHD_OPTION_END, 0, NULL}};
+  if (cfg->tls_pem && MHD_is_feature_supported(MHD_FEATURE_TLS) != MHD_YES) {
+    close(fd);
+    return sv_fail(err, SV_E_UNSUPPORTED, "--tls: the HTTP server of this machine was built without TLS");
+  }
   s->daemon = MHD_start_daemon(
-      MHD_USE_EPOLL | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG, (uint16_t)cfg->port, NULL, NULL, answer,
-      s, MHD_OPTION_EXTERNAL_LOGGER, no_log, NULL, MHD_OPTION_UNESCAPE_CALLBACK, keep_escapes, NULL,
-      MHD_OPTION_LISTEN_SOCKET, fd, MHD_OPTION_CONNECTION_LIMIT, (unsigned)PV_CAP_CONNECTIONS,
-      MHD_OPTION_PER_IP_CONNECTION_LIMIT, (unsigned)PV_CAP_PER_ADDRESS, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
-      (size_t)PV_CONNECTION_MEM, MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)PV_IDLE_S,
-      MHD_OPTION_NOTIFY_CONNECTION, on_connection, s, MHD_OPTION_NOTIFY_COMPLETED, on_completed, s,
+      (cfg->tls_pem ? MHD_USE_TLS : 0u) | MHD_USE_EPOLL | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG,
+      (uint16_t)cfg->port, NULL, NULL, answer, s, MHD_OPTION_EXTERNAL_LOGGER, no_log, NULL,
+      MHD_OPTION_UNESCAPE_CALLBACK, keep_escapes, NULL, MHD_OPTION_LISTEN_SOCKET, fd,
+      MHD_OPTION_CONNECTION_LIMIT, (unsigned)PV_CAP_CONNECTIONS, MHD_OPTION_PER_IP_CONNECTION_LIMIT,
+      (unsigned)PV_CAP_PER_ADDRESS, MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)PV_CONNECTION_MEM,
+      MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)PV_IDLE_S, MHD_OPTION_NOTIFY_CONNECTION, on_connection, s,
+      MHD_OPTION_NOTIFY_COMPLETED, on_completed, s, MHD_OPTION_ARRAY, cfg->tls_pem ? tls : none,
       MHD_OPTION_END);
   const union MHD_DaemonInfo *i = s->daemon ? MHD_get_daemon_info(s->daemon, MHD_DAEMON_INFO_EPOLL_FD) : NULL;
   if (!i) {

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "tests/common/browser.h"
@@ -153,6 +154,67 @@ TEST(test_terminal) {
   }
 }
 
+// --- TLS -----------------------------------------------------------------------------------------
+
+// Code of a request by curl over https, which does not know the certificate.
+static int code_over_tls(const char *more, const char *path) {
+  static char command[700], said[64];
+  snprintf(command, sizeof command,
+           "curl -sk -m 10 -D '%s/head' -o '%s/body' -w '%%{http_code}' %s https://127.0.0.1:%d%s", root,
+           root, more, r.port, path);
+  FILE *p = popen(command, "r");
+  assert_non_null(p);
+  said[fread(said, 1, sizeof said - 1, p)] = 0;
+  pclose(p);
+  return atoi(said);
+}
+
+// The certificate is made at the first start, for its owner's eyes, and stays. Nothing is answered
+// in the clear.
+TEST(test_tls) {
+  char fingerprint[2][200] = {"", ""}, path[400];
+  struct stat st;
+  if (system("command -v curl >/dev/null 2>&1") != 0) skip();
+  for (int k = 0; k < 2; k++) {
+    if (!live_run_start(&r, root, RUN "--tls @/page.pem")) {
+      if (strstr(r.err, "was missing")) skip(); // built without it
+      fail_msg("the run does not start: %s", r.err);
+    }
+    assert_contains(r.err, "page: https://127.0.0.1:");
+    assert_contains(r.err, k ? "certificate: SHA-256 " : "certificate: new, browsers ask once; SHA-256 ");
+    snprintf(fingerprint[k], 96, "%s", strstr(r.err, "SHA-256 "));
+    assert_int_equal(code_over_tls("", "/state"), 200);
+    snprintf(path, sizeof path, "-X POST -H 'Origin: https://127.0.0.1:%d' -H 'X-Subview-Token: %s'", r.port,
+             r.token);
+    assert_int_equal(code_over_tls(path, "/enter"), 204);
+    shell_ok("grep -qi '^set-cookie: .*; Secure' '%s/head'", root);
+    snprintf(path, sizeof path, "-X POST -H 'Origin: http://127.0.0.1:%d' -H 'X-Subview-Token: %s'", r.port,
+             r.token);
+    assert_int_equal(code_over_tls(path, "/enter"), 403);
+    assert_int_equal(code_of("GET", "/state", NULL), 0);
+    assert_null(strstr(r.err, "PRIVATE"));
+    live_run_stop(&r);
+  }
+  assert_string_equal(fingerprint[0], fingerprint[1]);
+  snprintf(path, sizeof path, "%s/page.pem", root);
+  assert_int_equal(stat(path, &st), 0);
+  assert_int_equal(st.st_mode & 0777, 0600);
+  shell_ok("sed -i '/CERTIFICATE/,$d' '%s'", path); // a key alone
+  assert_false(live_run_start(&r, root, RUN "--tls @/page.pem"));
+  assert_contains(r.err, "no key with its certificate");
+}
+
+// The name that avahi gives to the device is ours, and no other name of its kind.
+TEST(test_name) {
+  char host[64];
+  start(RUN);
+  snprintf(host, sizeof host, "Host: subview.local:%d\r\n", r.port);
+  assert_int_equal(code_of("GET", "/state", host), 200);
+  snprintf(host, sizeof host, "Host: subview.example:%d\r\n", r.port);
+  assert_int_equal(code_of("GET", "/state", host), 403);
+  live_run_stop(&r);
+}
+
 // --- in browsers ---------------------------------------------------------------------------------
 
 #define MUST(browser, expression, seconds)                                                                   \
@@ -224,6 +286,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test_teardown(test_pin, stop),         cmocka_unit_test_teardown(test_secret_stays, stop),
       cmocka_unit_test_teardown(test_board, stop),       cmocka_unit_test(test_terminal),
+      cmocka_unit_test_teardown(test_tls, stop),         cmocka_unit_test_teardown(test_name, stop),
       cmocka_unit_test_teardown(test_two_devices, stop),
   };
   return cmocka_run_group_tests(tests, make_root, remove_root);

@@ -308,9 +308,11 @@ int cal_cmd_live(const cal_options *o) {
   sv_copy(l.now.sentence, sizeof l.now.sentence, err.text);
   if (l.block) publish(&l, s == SV_OK ? SV_CALIBRATION_DONE : SV_CALIBRATION_FAILED);
   for (int c = 0; c < l.now.n_cameras && s == SV_OK; c++)
-    lab_say(&se, "  %s: %.3f px in the new rig, %.3f px from epipolar lines, %.3f px before",
-            l.now.camera[c].name, l.now.camera[c].rms_px, l.now.camera[c].epipolar_px,
-            l.now.camera[c].before_px);
+    lab_say(&se, "  %s: %.3f px in the new rig, %.3f px from epipolar lines", l.now.camera[c].name,
+            l.now.camera[c].rms_px, l.now.camera[c].epipolar_px);
+  for (int c = 0; c < l.now.n_cameras && s == SV_OK; c++)
+    if (!isnan(l.now.camera[c].before_px))
+      lab_say(&se, "  %s: %.3f px in the earlier rig", l.now.camera[c].name, l.now.camera[c].before_px);
   cal_boards_free(&boards);
   lab_session_stop(&se);
   free(memory);
