@@ -130,6 +130,43 @@ static int compare(const char *how, double time, uint8_t *page) {
   return n;
 }
 
+// Depth of the surface at places of the page's view, in which one measures, against that of the
+// runtime's renderer with the same opacity of four layers (tools/pictures/surface.c).
+static void compare_depth(void) {
+  static float depth[CAP_W * CAP_W];
+  sv_view v = view_of_page();
+  char script[160];
+  int n = 0;
+  double sum = 0;
+  lab_settings st = lab_settings_default();
+  st.is_antialiased = model.is_mip;
+  st.dilation_px2 = model.dilation_px2;
+  st.near_z = 0.05f;
+  sv_render_options o = lab_render_options(&st, model.g.sh_degree, true);
+  for (int i = 0; i < model.g.n; i++) {
+    sv_gaussian g;
+    sv_gaussians_get(&model.g, i, &g);
+    const double through = pow(1 / (1 + exp((double)g.opacity_logit)), 4);
+    g.opacity_logit = (float)log(fmax(1 - through, 1e-12) / fmax(through, 1e-12));
+    sv_gaussians_put(&model.g, i, &g);
+  }
+  assert_int_equal(sv_render(&viewer.r, &model.g, &v, &o), SV_OK);
+  sv_render_expected_depth(&viewer.r, 0.5f, depth);
+  for (int y = 5; y < 10; y++)
+    for (int x = 5; x < 10; x++) {
+      const int px = x * v.width_px / 15, py = y * v.height_px / 15;
+      const double ours = (double)depth[(long)py * viewer.r.rgb.stride + px];
+      snprintf(script, sizeof script, "view.pick(%d.5,%d.5).then((p)=>p?p.depth:0)", px, py);
+      const double page = browser_number(&b, script);
+      if (!(ours > 0) || !(page > 0)) continue;
+      sum += fabs(page - ours) / ours;
+      n++;
+    }
+  print_message("depth: %.3f %% from the runtime's in the mean of %d places\n", 100 * sum / n, n);
+  assert_true(n > 5);
+  assert_true(sum / n < 0.003);
+}
+
 static void open_model(void) {
   sv_err err;
   char path[400];
@@ -233,6 +270,7 @@ static void run_and_look(const char *args, bool is_moving) {
   look("flat", is_moving);
   look("gl", is_moving);
   if (!is_moving) look_at_file();
+  if (!is_moving) compare_depth();
   close_model();
 }
 
