@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "boards/board_main.h"
+#include "boards/mesh_out.h"
 #include "src/run/arrays.h"
 #include "src/prior/methods.h"
 
@@ -13,7 +14,7 @@ typedef struct {
   long gaussians, sh, images, threads, arena_mib;
   long odometry; // sub-views of a rig whose poses are not known; 0: they are
   const char *size, *frames, *grid, *prior, *depth;
-  bool is_json, is_rolling;
+  bool is_json, is_rolling, is_mesh;
 } plan_options;
 
 static struct {
@@ -43,7 +44,10 @@ static size_t bytes_of(const plan_options *o, long gaussians, int sh, long image
   c.train.n_gaussians = (int)gaussians;
   c.train.sh_degree = sh;
   p.dry = sv_arena_dry();
-  return sv_app_plan(&p.app, &c, (int)o->threads, &p.dry, NULL) < 0 ? 0 : p.dry.used_bytes;
+  if (sv_app_plan(&p.app, &c, (int)o->threads, &p.dry, NULL) < 0) return 0;
+  mesh_out mesh;
+  if (o->is_mesh && mesh_out_carve(&mesh, &c, &p.dry, NULL) < 0) return 0;
+  return p.dry.used_bytes;
 }
 
 static sv_arrays arrays_of(const plan_options *o) {
@@ -187,6 +191,7 @@ static const sv_option rows[] = {
      "threads; each has its own scratch [" TEXT_OF(BOARD_THREADS) "]", 1, BOARD_CAP_THREADS, NULL},
     {"arena", SV_OPT_INT, 1, 0, AT(arena_mib), "MIB", "size of the memory block [the board's]", 1, 65536,
      NULL},
+    {"mesh", SV_OPT_FLAG, 1, 0, AT(is_mesh), NULL, "with the memory of run --mesh", 0, 0, NULL},
     {"json", SV_OPT_FLAG, 1, 0, AT(is_json), NULL, "print one JSON object", 0, 0, NULL},
     OPTIONS_COMMON(plan_options)};
 

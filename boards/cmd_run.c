@@ -7,6 +7,7 @@
 #include "boards/board_main.h"
 #include "boards/calibrate.h"
 #include "boards/guide.h"
+#include "boards/mesh_out.h"
 #include "boards/outputs.h"
 #include "boards/preview.h"
 #include "boards/run_options.h"
@@ -29,6 +30,7 @@ static struct {
   sv_linux_console console;
   sv_linux_watch watch;
   outputs out;
+  mesh_out mesh;        // of --mesh
   uint8_t *truth;       // a held-out view of the simulator
   uint8_t *small_truth; // at the size that is trained on; may be the same
   float *area_scratch;
@@ -309,6 +311,7 @@ static sv_status set_up(const run_options *o, sv_arena *arena, const char **what
   sv_app_cfg cfg = app_cfg(o);
   *what = "memory";
   if ((s = carve_outputs(arena, &cfg, err)) < 0) return s;
+  if (o->is_mesh && (s = mesh_out_carve(&run.mesh, &cfg, arena, err)) < 0) return s;
   *what = "options";
   if (o->sub_views && !choose_sub_views(o->sub_views, run.src.rig, cfg.sub_view_mask)) return SV_E_ARG;
   *what = "folder";
@@ -340,6 +343,14 @@ static bool is_first_run(const run_options *o) {
   return access(path, F_OK) != 0;
 }
 
+static sv_status save_mesh(const run_options *o, sv_err *err) {
+  const sv_status s = mesh_out_save(&run.mesh, &run.app, err);
+  if (s >= 0 && !o->is_quiet && !o->is_json)
+    say(1, "mesh: %s/mesh.ply, %d vertices, %d triangles, voxels of %g\n", o->out, run.mesh.n_vertices,
+        run.mesh.n_triangles, run.mesh.voxel);
+  return s;
+}
+
 static int do_run(const run_options *o, bool *is_again) {
   sv_err err = {0};
   sv_status s = sv_app_run(&run.app, &err);
@@ -351,6 +362,7 @@ static int do_run(const run_options *o, bool *is_again) {
     say(2, "subview: %s\n", err.text);
     s = SV_OK;
   }
+  if (s >= 0 && o->is_mesh) s = save_mesh(o, &err);
   const sv_pictures pictures = sv_app_pictures(&run.app);
   if (s >= 0 && o->orbit && sv_pictures_orbit(&pictures, (int)o->orbit) < 0)
     s = sv_fail(&err, SV_E_RANGE, "the model could not be rendered for --orbit");

@@ -99,6 +99,9 @@ static const sv_option rows[] = {
      "seconds between updates of preview.jpg; 0: with checkpoints [5]", 0, 1e6, NULL},
     {"orbit", SV_OPT_INT, 1, 0, AT(orbit), "N",
      "render N images around the scene at the end: orbit_000.jpg, ... [0]", 0, 1000, NULL},
+    {"mesh", SV_OPT_FLAG, 1, 0, AT(is_mesh), NULL,
+     "at the end, a colored triangle mesh of the model: mesh.ply; takes memory (subview plan --mesh)", 0, 0,
+     NULL},
     {"preview", SV_OPT_TEXT, 1, 0, AT(preview), "[ADDR:]PORT",
      "serve a page with cameras, model and curves [loopback unless ADDR is given]", 0, 0, NULL},
     {"session", SV_OPT_FLAG, 1, 0, AT(is_session), NULL,
@@ -188,6 +191,7 @@ static int check(run_options *o) {
         "run", "--resume: not with --live and --scene dynamic, whose checkpoint holds no older exposures");
   if (o->is_refining && (o->is_continuous || o->is_dynamic || o->is_resume))
     return usage_error("run", "--refine-poses: not with --live, --scene dynamic or --resume");
+  if (o->is_mesh && o->is_dynamic) return usage_error("run", "--mesh: not with --scene dynamic");
   if (o->every && !(o->is_by_motion = !strcmp(o->every, "motion")) &&
       !(sv_parse_double(o->every, strlen(o->every), &o->every_s) && o->every_s >= 0 && o->every_s <= 3600))
     return usage_error("run", "--every %s: expected a number of seconds from 0 to 3600, or motion", o->every);

@@ -16,6 +16,7 @@ typedef struct {
   const char *shutter; // auto or global
   const char *every;   // NULL: as the source suits
   double hold_out, arc_deg;
+  bool is_mesh;
   const char *quality;    // draft, normal or fine; NULL: --steps alone
   double least_db_per_s;  // of --quality, else 0
   bool is_held_released;  // of --quality without --hold-out

@@ -75,7 +75,7 @@ void sv_mesh_fuse(sv_mesh *m, const sv_mesh_image *im, const sv_pool *pool);
 sv_status sv_mesh_extract(sv_mesh *m, int min_weight) SV_MUST_USE;
 // Removes connected parts with fewer vertices than this share of the largest one: floaters.
 void sv_mesh_drop_small(sv_mesh *m, float share);
-// At most so many triangles, by vertex clustering. The last call: the field's memory is its scratch.
+// At most so many triangles, by vertex clustering. The field is its scratch: nothing follows it.
 // E_ARG below 1; E_NOMEM: the field has too few blocks for so many vertices.
 sv_status sv_mesh_decimate(sv_mesh *m, int max_triangles) SV_MUST_USE;
 
