@@ -27,13 +27,15 @@
 
 typedef struct {
   options_common common;
-  const char *source, *rig, *out, *sync;
+  const char *source, *rig, *out, *sync, *depth;
   long exposures, skew_ms;
   double every_s, arc_deg;
   int i_sync; // sv_sync_method
   double duration;
   bool is_json, is_quiet;
 } capture_options;
+
+static bool is_deep(const capture_options *o) { return o->depth && !strcmp(o->depth, "16"); }
 
 static struct {
   board_source src;
@@ -47,6 +49,7 @@ static struct {
   sv_err start_err;
   sv_camera_caps caps[SV_CAP_SUB_VIEWS]; // of what is written
   sv_convert convert;
+  uint8_t *rgb16; // a frame, with --depth 16; else NULL
   sv_kernels kernels;
   sv_capture_writer writer;
   sv_linux_console console;
@@ -97,11 +100,29 @@ static bool is_kept(const sv_camera_caps *c) {
                   : c->format == SV_PIX_RGB8 || c->format == SV_PIX_GREY8 || c->format == SV_PIX_RGB16;
 }
 
+// A raw frame, as RGB16.
+static sv_status develop(sv_frame *f, sv_err *err) {
+  sv_pool pool = sv_pool_serial();
+  sv_image_u8 rgb;
+  sv_status s = sv_convert_deep(&cap.convert, f, 1, &(sv_compute){&cap.kernels, &pool}, &rgb, err);
+  if (s < 0) return s;
+  sv_deep_encode(cap.convert.deep.linear, f->width_px, f->height_px, cap.rgb16, cap.convert.deep.scratch,
+                 &cap.kernels);
+  f->format = SV_PIX_RGB16;
+  f->data = cap.rgb16;
+  f->stride_bytes = 6 * f->width_px;
+  f->data_bytes = 6 * (size_t)f->width_px * (size_t)f->height_px;
+  return SV_OK;
+}
+
 static sv_status write_frame(const sv_frame *frame, sv_err *err) {
   sv_frame f = *frame;
   sv_image_u8 rgb;
   sv_pool pool = sv_pool_serial();
-  if (!is_kept(&cap.src.caps[f.i_camera])) {
+  if (cap.rgb16 && f.format != SV_PIX_RGB16) {
+    const sv_status s = develop(&f, err);
+    if (s < 0) return s;
+  } else if (!is_kept(&cap.src.caps[f.i_camera])) {
     sv_status s = sv_convert_frame(&cap.convert, frame, &cap.kernels, &pool, &rgb, err);
     // A damaged picture: its gap stays visible
     if (s == SV_E_FORMAT || s == SV_E_CORRUPT) return SV_OK;
@@ -327,7 +348,7 @@ static void print_ledger(const capture_options *o) {
     say(1, "the capture has no rig: to train on it, calibrate the cameras and give --rig DIR\n");
 }
 
-static sv_status open_conversion(sv_arena *arena, sv_err *err) {
+static sv_status open_conversion(bool is_16_bit, sv_arena *arena, sv_err *err) {
   int n = cap.src.source.n_cameras;
   uint32_t mask;
   if (!board_kernels(&cap.kernels, &mask))
@@ -338,7 +359,17 @@ static sv_status open_conversion(sv_arena *arena, sv_err *err) {
     if (is_kept(&cap.src.caps[i])) converted[i].format = SV_PIX_RGB8;
     else cap.caps[i].format = SV_PIX_RGB8;
   }
-  sv_convert_cfg cc = {converted, n, 1, &cap.src.decoder};
+  if (is_16_bit) {
+    size_t bytes = 0;
+    for (int i = 0; i < n; i++) {
+      const sv_camera_caps *c = &cap.src.caps[i];
+      const size_t b = 6 * (size_t)c->width_px * (size_t)c->height_px;
+      if (b > bytes) bytes = b;
+      cap.caps[i].format = SV_PIX_RGB16;
+    }
+    cap.rgb16 = SV_TAKE(arena, uint8_t, bytes);
+  }
+  sv_convert_cfg cc = {is_16_bit ? cap.src.caps : converted, n, 1, &cap.src.decoder, is_16_bit};
   return sv_convert_init(&cap.convert, &cc, arena, err);
 }
 
@@ -368,7 +399,7 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
                   NULL);
   if (sv_capture_has_frames(o->out))
     return sv_fail(err, SV_E_ARG, "%s: already holds a capture; choose another --out or remove it", o->out);
-  if ((s = open_conversion(arena, err)) < 0) return s;
+  if ((s = open_conversion(is_deep(o), arena, err)) < 0) return s;
   if ((s = guide_init(&cap.guide, &cap.src, o->arc_deg, arena, err)) < 0) return s;
   double scene[6];
   for (int i = 0; i < 3; i++) {
@@ -458,6 +489,9 @@ static const sv_option rows[] = {
      "v4l2 "
      "drivers that can), trigger (pulses on a line; sim, v4l2 and libcamera with trigger=) [free]",
      0, 0, NULL},
+    {"depth", SV_OPT_WORD, 1, 0, AT(depth), "8|16",
+     "bits a value that are kept of raw frames; 16: of more than 8 bits of linear light, as PNG [8]", 0, 0,
+     NULL},
     {"out", SV_OPT_TEXT, 1, 1, AT(out), "DIR", "the capture folder", 0, 0, NULL},
     {"json", SV_OPT_FLAG, 1, 0, AT(is_json), NULL, "print the results as one JSON object on stdout", 0, 0,
      NULL},

@@ -138,6 +138,23 @@ void sv_deep_convert(const sv_frame *f, const sv_camera_caps *caps, const sv_dee
   sv_pool_run(pool, color_task, &j, n_tasks);
 }
 
+void sv_deep_encode(const uint16_t *linear, int width_px, int height_px, uint8_t *rgb16, float *scratch,
+                    const sv_kernels *k) {
+  const size_t w = (size_t)width_px, plane = w * (size_t)height_px;
+  for (int y = 0; y < height_px; y++)
+    for (size_t c = 0; c < 3; c++) {
+      const uint16_t *in = linear + c * plane + (size_t)y * w;
+      uint8_t *out = rgb16 + 6 * (size_t)y * w + 2 * c;
+      for (size_t x = 0; x < w; x++) scratch[x] = (float)in[x] * (1.0f / MAX);
+      k->linear_to_srgb(&(sv_curve_args){.src = scratch, .dst = scratch, .n = width_px});
+      for (size_t x = 0; x < w; x++, out += 6) {
+        const uint16_t v = to_u16(MAX * scratch[x]);
+        out[0] = (uint8_t)v;
+        out[1] = (uint8_t)(v >> 8);
+      }
+    }
+}
+
 float sv_deep_white(const uint16_t *linear, size_t n) {
   uint32_t count[256] = {0}; // by the high byte
   size_t above = 0;

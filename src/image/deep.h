@@ -40,6 +40,11 @@ bool sv_deep_knows(const sv_camera_caps *c);
 void sv_deep_convert(const sv_frame *f, const sv_camera_caps *caps, const sv_deep_buffers *b,
                      const sv_kernels *k, const sv_pool *pool);
 
+// A deep picture as a frame of RGB16: [height][width][3] of two bytes, sRGB. scratch:
+// SV_DEEP_SCRATCH_FLOATS.
+void sv_deep_encode(const uint16_t *linear, int width_px, int height_px, uint8_t *rgb16, float *scratch,
+                    const sv_kernels *k);
+
 // What is white in a picture of n values: its 99th percentile, at least 1/256.
 float sv_deep_white(const uint16_t *linear, size_t n);
 // Value of the noise curve at which a deep picture is taken for saturated.

@@ -72,6 +72,13 @@ TEST(test_flat_frames) {
 }
 
 TEST(test_refused) {
+  assert_int_equal(
+      sh("'%s/subview' capture --source %s --exposures 2 --depth 16 --out '%s/8' 2>&1", bin_dir(), FLAT, dir),
+      1);
+  assert_non_null(strstr(out, "16 bits a value come from raw frames"));
+  assert_int_equal(sh("'%s/subview' capture --source %s,depth=16 --exposures 2 --depth 16 --out '%s/16' 2>&1",
+                      bin_dir(), FLAT, dir),
+                   0);
   assert_int_equal(sh("rm -rf '%s/left' '%s/right'", dir, dir), 0);
   capture("depth=16,noise=read:1e-5:shot:0");
   assert_int_equal(calibrate(), 1);

@@ -188,6 +188,12 @@ TEST(deep_formats_give_the_light) {
     }
     const sv_frame fr = frame_of((sv_pixel_format)f);
     assert_ok(sv_convert_deep(&c, &fr, 0.5f, &(sv_compute){&k, &pool}, &out, &err), &err);
+    static uint8_t again[6 * W * H];
+    sv_deep_encode(c.deep.linear, W, H, again, c.deep.scratch, &k);
+    for (int i = 0; i < 3 * W * H && f == SV_PIX_RGB16; i++) {
+      const int was = px[2 * i] | px[2 * i + 1] << 8, is = again[2 * i] | again[2 * i + 1] << 8;
+      assert_true(abs(was - is) < 5);
+    }
     for (int i = 0; i < 3 * W * H; i++) {
       const int ch = i / (W * H), at = i % (W * H), v8 = p->layout == SV_LAYOUT_GREY ? 77 : colour[ch];
       const double want = f == SV_PIX_RGB16 ? linear_of(v8 / 255.0) : v8 / 255.0;
