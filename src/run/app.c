@@ -376,6 +376,8 @@ static sv_status first_model(sv_app *app, const sv_bounds *b, bool is_measured, 
   sv_trainer *t = &app->trainer;
   sv_driver_start start = {
       .bounds = *b, .points = app->points, .cap_points = t->g.n, .scratch = &app->scratch};
+  start.beat = beat;
+  start.self = app;
   sv_status s = is_measured ? sv_driver_measure(t, &start, err) : SV_AGAIN;
   if (s == SV_OK)
     sv_app_log(app, SV_LOG_INFO, "first model: %d points from the depth maps of %d views", start.n_points,

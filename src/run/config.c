@@ -28,6 +28,13 @@ static void plan_measurements(const sv_app_cfg *c, sv_train_cfg *t) {
   if (t->region_px < 1) return; // the trainer says so
   t->cap_width_px = t->cap_height_px = t->region_px;
   t->cap_pixels = sv_plane_floats(t->region_px, t->region_px);
+  t->cap_lenses = c->n_exposures * c->rig->n_sub_views;
+  for (int i = 0; i < c->rig->n_sub_views; i++) {
+    const sv_footprint *f = &c->rig->sub_views[i].footprint;
+    t->cap_lens_width_px = sv_maxi(t->cap_lens_width_px, f->width_px);
+    t->cap_lens_height_px = sv_maxi(t->cap_lens_height_px, f->height_px);
+  }
+  t->cap_lens_px = (size_t)t->cap_lens_width_px * (size_t)t->cap_lens_height_px;
   for (int i = 0; i < c->n_cameras; i++)
     if (sv_measurements_has_lens(c->rig, i))
       t->cap_regions +=

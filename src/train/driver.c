@@ -8,6 +8,7 @@
 #include "src/rig/limits.h"
 #include "src/splat/constants.h"
 #include "src/train/appearance_start.h"
+#include "src/train/demultiplex.h"
 #include "src/train/step.h"
 #include "src/train/stereo.h"
 #include "src/train/sweep.h"
@@ -37,7 +38,10 @@ void sv_driver_set_objective(sv_train_cfg *cfg, const sv_sampling *sampling, int
 // --- first model ---------------------------------------------------------------------------------
 
 size_t sv_driver_scratch_bytes(const sv_train_cfg *cfg, int n_points) {
-  const size_t fill = sv_init_scratch_bytes(cfg->n_gaussians, n_points), sweep = sv_sweep_bytes(cfg);
+  const sv_train_cfg lenses = sv_demultiplex_cfg(cfg);
+  const size_t fill = sv_init_scratch_bytes(cfg->n_gaussians, n_points);
+  const size_t sweep =
+      cfg->cap_lenses > 0 ? sv_demultiplex_bytes(cfg) + sv_sweep_bytes(&lenses) : sv_sweep_bytes(cfg);
   const size_t radius = (size_t)cfg->n_gaussians * sizeof(float); // sv_gaussians_radius
   size_t most = fill > sweep ? fill : sweep;
   if (most < radius) most = radius;
@@ -46,9 +50,47 @@ size_t sv_driver_scratch_bytes(const sv_train_cfg *cfg, int n_points) {
   return most + 4096;
 }
 
-sv_status sv_driver_measure(const sv_trainer *t, sv_driver_start *start, sv_err *err) {
+// How often the model that tells lens images apart sees each region of a sensor. With more, its
+// floaters settle between the lenses, and depth maps find them (docs/notes/quality.md).
+#define SKETCH_EPOCHS 10
+
+// A first model of what multiplexed sensors show, for telling their lens images apart.
+static sv_status train_sketch(sv_trainer *t, const sv_driver_start *start) {
+  const sv_bounds *b = &start->bounds;
+  const sv_init_cfg sphere = {.kind = SV_INIT_SPHERE,
+                              .centre = {b->centre[0], b->centre[1], b->centre[2]},
+                              .radius = b->radius,
+                              .opacity = 0.1f,
+                              .scale_factor = 1.0f,
+                              .seed = t->cfg.seed};
+  const int expected_steps = t->cfg.expected_steps, n_steps = SKETCH_EPOCHS * t->n_regions;
+  sv_step_stats st;
+  sv_status s = sv_train_start(t, &sphere, NULL, 0, start->scratch);
+  t->cfg.expected_steps = n_steps;
+  for (int i = 0; s >= 0 && i < n_steps; i++) {
+    if (start->beat) start->beat(start->self);
+    s = sv_train_step(t, (float)i / (float)n_steps, &st);
+  }
+  t->cfg.expected_steps = expected_steps;
+  t->n_relocated = 0;
+  return s;
+}
+
+static sv_status measure_lenses(sv_trainer *t, const sv_driver_start *start, sv_stereo_cloud *cloud) {
+  const size_t mark = sv_arena_mark(start->scratch);
+  sv_trainer *lenses = NULL;
+  sv_status s = train_sketch(t, start);
+  if (s >= 0) s = sv_demultiplex(t, start->scratch, &lenses);
+  if (s >= 0) s = sv_stereo_points(lenses, &start->bounds, start->scratch, cloud);
+  sv_arena_reset(start->scratch, mark);
+  return s;
+}
+
+sv_status sv_driver_measure(sv_trainer *t, sv_driver_start *start, sv_err *err) {
   sv_stereo_cloud cloud = {.point = start->points, .cap = t->g.n};
-  sv_status s = sv_stereo_points(t, &start->bounds, start->scratch, &cloud);
+  sv_status s = t->n_measurements > 0 && t->cfg.cap_lenses > 0
+                    ? measure_lenses(t, start, &cloud)
+                    : sv_stereo_points(t, &start->bounds, start->scratch, &cloud);
   start->n_points = cloud.n;
   start->n_maps = cloud.n_maps;
   if (s < 0) return sv_fail(err, s, "no depth maps for the first model: %s", sv_status_text(s));

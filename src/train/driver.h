@@ -49,11 +49,15 @@ typedef struct {
   int n_maps;        // depth maps that sv_driver_measure made
   bool is_scene_set; // bounds are the scene's, also where init would find others
   sv_arena *scratch; // sv_driver_scratch_bytes
+  // Called with self during long work of sv_driver_measure, which makes progress; may be NULL.
+  void (*beat)(void *self);
+  void *self;
 } sv_driver_start;
 
-// Points on the surface, from depth maps of the trainer's own views. AGAIN: the views overlap too
-// little.
-sv_status sv_driver_measure(const sv_trainer *t, sv_driver_start *start, sv_err *err) SV_MUST_USE;
+// Points on the surface, from depth maps of the trainer's own views. Lens images of multiplexed
+// sensors are told apart first by a model of a short training (demultiplex.h); it takes the place
+// of the trainer's Gaussians. AGAIN: the views overlap too little.
+sv_status sv_driver_measure(sv_trainer *t, sv_driver_start *start, sv_err *err) SV_MUST_USE;
 // Places the first Gaussians.
 sv_status sv_driver_place(sv_trainer *t, const sv_driver_start *start, sv_err *err) SV_MUST_USE;
 

@@ -9,29 +9,37 @@
 
 #define CAP_K        64
 #define CAP_TOTAL_PX 384000 // of all maps
-#define GROUP        4      // neighbours that are taken together when there are too many views
-#define RADIUS       SV_SWEEP_RADIUS
-#define BAND         SV_SWEEP_BAND
-#define ROWS         SV_SWEEP_ROWS
+// Lens images share their sensor's pixels: each map is coarse enough as it is.
+#define CAP_LENSES_PX 819200
+#define GROUP         4 // neighbours that are taken together when there are too many views
+#define RADIUS        SV_SWEEP_RADIUS
+#define BAND          SV_SWEEP_BAND
+#define ROWS          SV_SWEEP_ROWS
 // between two views: less tells depth badly, more and surfaces look different
 #define BEST_DEG 8.0
 #define MIN_DEG  0.2
 #define MAX_DEG  35.0
 // of the pixel: beside an edge, an even ground would be put at the edge's depth
 #define MIN_SLOPE2 4.0f
-#define MIN_CORR2  0.49f     // squared correlation
-#define CAP_GAP    10        // pixels that are filled in between measured ones
-#define EDGE       (4 * 256) // of neighbours: two surfaces
-#define LEFT       32        // columns before a row
-#define AGREE      1.5f      // planes that two maps may differ by
+#define MIN_CORR2  0.49f // squared correlation
+// Lens images that a model told apart show its floaters, too, and these agree with each other.
+#define MIN_CORR2_LENSES 0.8f
+#define MIN_AGREE_LENSES 3         // other maps that must have the same surface
+#define CAP_GAP          10        // pixels that are filled in between measured ones
+#define EDGE             (4 * 256) // of neighbours: two surfaces
+#define LEFT             32        // columns before a row
+#define AGREE            1.5f      // planes that two maps may differ by
 
 // --- choice of views -----------------------------------------------------------------------------
 
 static int n_maps(int n_views) { return sv_mini(n_views, SV_SWEEP_CAP_VIEWS); }
 
-static int reduction(int w, int h, int n, int cap_px) {
+// Of all maps.
+static int total_px(const sv_train_cfg *c) { return c->has_lens_views ? CAP_LENSES_PX : CAP_TOTAL_PX; }
+
+static int reduction(int w, int h, int cap_px) {
   int k = 1;
-  while (k < CAP_K && (w / k) * (h / k) > sv_mini(cap_px, CAP_TOTAL_PX / n)) k++;
+  while (k < CAP_K && (w / k) * (h / k) > cap_px) k++;
   return k;
 }
 
@@ -108,7 +116,7 @@ static void choose_sizes(sv_sweep *s, const sv_trainer *t, int cap_px) {
   float least = 0;
   for (int i = 0; i < s->n; i++) {
     const sv_view *v = &t->views[s->map[i].i_view].view;
-    s->map[i].k = reduction(v->width_px, v->height_px, s->n, cap_px);
+    s->map[i].k = reduction(v->width_px, v->height_px, sv_mini(cap_px, total_px(&t->cfg) / s->n));
     float f = v->fx / (float)s->map[i].k;
     if (i == 0 || f < least) least = f;
   }
@@ -222,6 +230,7 @@ typedef struct { // what one task does
   const sv_sweep *s;
   const sv_depth_map *m;
   lane *l;
+  float min_corr2;
   int y0, x0, x1, stride; // columns [x0, x1) have structure; both are multiples of 16
 } band;
 
@@ -362,7 +371,7 @@ static void write_codes(const band *b, const sv_image_u8 *im) {
       int at = i * b->stride + LEFT + x;
       float p = l->plane[at], before = l->before[at], best = l->best[at], after = l->after[at];
       float curvature = 2 * best - before - after;
-      if (!(l->norm[at] > 0) || best < MIN_CORR2 || p < 1 || p > (float)(m->n_planes - 2)) continue;
+      if (!(l->norm[at] > 0) || best < b->min_corr2 || p < 1 || p > (float)(m->n_planes - 2)) continue;
       if (!sv_image_counts(im, m->k, x, b->y0 + i)) continue;
       if (curvature > 1e-6f) p += sv_clampf(0.5f * (after - before) / curvature, -0.5f, 0.5f);
       out[x] = (uint16_t)(1.5f + 256 * p);
@@ -382,6 +391,7 @@ static void sweep_task(void *arg, int i_task, int i_thread) {
             .s = j->s,
             .m = m,
             .l = l,
+            .min_corr2 = j->t->cfg.has_lens_views ? MIN_CORR2_LENSES : MIN_CORR2,
             .y0 = i_task % j->bands_of_map * BAND,
             .stride = stride_of(m->view.width_px)};
   sv_transfer q[SV_SWEEP_CAP_SOURCES];
@@ -413,9 +423,9 @@ static inline float inverse_depth(const sv_depth_map *m, uint16_t code) {
   return m->w0 + m->dw * ((float)(code - 1) * (1.0f / 256.0f));
 }
 
-// Whether another map has the same surface there, by its codes as measured (`keep` comes later).
-static bool is_confirmed(const sv_sweep *s, const sv_depth_map *m, const sv_transfer *q, int x, int y,
-                         float w) {
+// Other maps that have the same surface there, by their codes as measured (`keep` comes later).
+static int n_agreeing(const sv_sweep *s, const sv_depth_map *m, const sv_transfer *q, int x, int y, float w) {
+  int n = 0;
   for (int k = 0; k < m->n_sources; k++) {
     const sv_depth_map *o = &s->map[m->source[k]];
     float p[3];
@@ -423,9 +433,9 @@ static bool is_confirmed(const sv_sweep *s, const sv_depth_map *m, const sv_tran
     if (!(p[0] >= 0 && p[0] < (float)o->view.width_px && p[1] >= 0 && p[1] < (float)o->view.height_px))
       continue;
     uint16_t code = o->code[(size_t)(int)p[1] * (size_t)o->view.width_px + (size_t)(int)p[0]];
-    if (code && fabsf(inverse_depth(o, code) - w / p[2]) <= AGREE * o->dw) return true;
+    n += code && fabsf(inverse_depth(o, code) - w / p[2]) <= AGREE * o->dw;
   }
-  return false;
+  return n;
 }
 
 // The pictures are done with: what is confirmed takes their place.
@@ -433,13 +443,14 @@ static void confirm_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   sv_depth_map *m = &j->s->map[i_task];
   sv_transfer q[SV_SWEEP_CAP_SOURCES];
+  const int n_needed = j->t->cfg.has_lens_views ? sv_mini(MIN_AGREE_LENSES, m->n_sources) : 1;
   (void)i_thread;
   for (int k = 0; k < m->n_sources; k++) q[k] = sv_transfer_make(&j->s->map[m->source[k]].view, &m->view);
   for (int y = 0; y < m->view.height_px; y++)
     for (int x = 0; x < m->view.width_px; x++) {
       size_t at = (size_t)y * (size_t)m->view.width_px + (size_t)x;
       uint16_t c = m->code[at];
-      bool is_kept = c && is_confirmed(j->s, m, q, x, y, inverse_depth(m, c));
+      bool is_kept = c && n_agreeing(j->s, m, q, x, y, inverse_depth(m, c)) >= n_needed;
       m->grey[at] = is_kept ? c : 0;
       m->n_measured += is_kept;
     }
@@ -487,7 +498,7 @@ float sv_sweep_depth(const sv_depth_map *m, int x, int y) {
 // --- all of it -----------------------------------------------------------------------------------
 
 static size_t cap_total_px(const sv_train_cfg *c, int n) {
-  size_t each = sv_mini(SV_SWEEP_CAP_PX, CAP_TOTAL_PX / n),
+  size_t each = sv_mini(SV_SWEEP_CAP_PX, total_px(c) / n),
          all = (size_t)c->cap_width_px * (size_t)c->cap_height_px;
   return (size_t)n * (all < each ? all : each);
 }

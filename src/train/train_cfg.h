@@ -60,6 +60,13 @@ typedef struct sv_train_cfg {
   int cap_regions;      // Regions of all of them together (sv_train_n_regions). Default 0.
   // Side of a region in pixels, 16 or more; a smaller sensor is one region. Default 128.
   int region_px;
+  // Lens images of all measurements that can be told apart for the first model (demultiplex.h), and
+  // the largest width, height and number of pixels of one. Default 0: none, the start is random.
+  int cap_lenses, cap_lens_width_px, cap_lens_height_px;
+  size_t cap_lens_px;
+  // Whether the views are such lens images: depth maps of them are checked more strictly. Default
+  // false.
+  bool has_lens_views;
   // Largest width and height of any view, region and novel view. Defaults 640, 480.
   int cap_width_px, cap_height_px;
   // Largest padded number of pixels of a view; 0: width x height. Default 0.

@@ -37,7 +37,7 @@ TEST(test_quality) {
     digest[n - 1] = world_digest(&w);
     double held_out = world_heldout_psnr(&w, 8), trained = world_training_psnr(&w);
     print_message("%d threads: held-out %.2f dB, measurements %.2f dB\n", n, held_out, trained);
-    assert_true(held_out > 27.0);
+    assert_true(held_out > 31.5); // 30.6 from random points
     assert_true(trained > 28.0);
     world_close(&w);
   }
@@ -52,7 +52,7 @@ static void test_unknown_bounds(void **state) { // starting points come from the
   world_run_well(&w);
   double psnr = world_training_psnr(&w);
   print_message("bounds from the lenses: measurements %.2f dB\n", psnr);
-  assert_true(psnr > 22.0);
+  assert_true(psnr > 32.0); // 29.0 from random points
   world_close(&w);
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/train/plan.h"
 
+#include "src/base/mathx.h"
 #include "src/train/driver.h"
 #include "tools/dataset/measurement.h"
 
@@ -55,19 +56,26 @@ static void size_caps(sv_train_cfg *cfg, const lab_views *v) {
   cfg->cap_views = 0;
   cfg->cap_measurements = v->n_measurements;
   cfg->cap_regions = 0;
+  cfg->cap_lenses = cfg->cap_lens_width_px = cfg->cap_lens_height_px = 0;
   cfg->cap_width_px = cfg->cap_height_px = side;
   cfg->cap_pixels = side ? sv_plane_floats(side, side) : 0;
   for (int i = 0; i < v->n_measurements; i++)
     cfg->cap_regions += sv_train_n_regions(v->measurements[i].width_px, v->measurements[i].height_px, side);
   for (int i = 0; i < v->n; i++) {
     const sv_view *view = &v->frames[i].view;
-    if (v->frames[i].i_measurement >= 0) continue;
+    if (v->frames[i].i_measurement >= 0) {
+      cfg->cap_lenses++;
+      cfg->cap_lens_width_px = sv_maxi(cfg->cap_lens_width_px, view->width_px);
+      cfg->cap_lens_height_px = sv_maxi(cfg->cap_lens_height_px, view->height_px);
+      continue;
+    }
     size_t floats = sv_plane_floats(view->width_px, view->height_px);
     cfg->cap_views++;
     if (view->width_px > cfg->cap_width_px) cfg->cap_width_px = view->width_px;
     if (view->height_px > cfg->cap_height_px) cfg->cap_height_px = view->height_px;
     if (floats > cfg->cap_pixels) cfg->cap_pixels = floats;
   }
+  cfg->cap_lens_px = (size_t)cfg->cap_lens_width_px * (size_t)cfg->cap_lens_height_px;
 }
 
 sv_status lab_plan_make(lab_plan *p, lab_session *s, const lab_views *v, sv_train_cfg cfg,
