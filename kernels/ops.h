@@ -10,6 +10,7 @@
 #include "kernels/bin/bin.h"
 #include "kernels/color/color.h"
 #include "kernels/corner/corner.h"
+#include "kernels/correct/correct.h"
 #include "kernels/demosaic/demosaic.h"
 #include "kernels/field/field.h"
 #include "kernels/fma_peak/fma_peak.h"

@@ -258,6 +258,7 @@ static sv_status src_caps(void *self, int i_camera, sv_camera_caps *out) {
                           .frame_bytes = s->frame_bytes,
                           .is_light_locked = s->cfg.optics.auto_exposure == 1 && s->cfg.optics.bracket == 1,
                           .is_exposure_told = s->cfg.optics.auto_exposure == 1,
+                          .is_light_shared = true,
                           .is_color_known = sv_sim_optics_is_color_known(&s->cfg.optics),
                           .readout_ns = from_us(1e3 * s->cfg.optics.readout_ms),
                           .stamp_noise_ns = from_us(s->cfg.jitter_us),

@@ -65,6 +65,14 @@ static void carve_shutters(sv_exposures *e, const sv_exposures_cfg *cfg, sv_aren
   for (int i = 0; e->first_ns && i < cfg->n_cameras; i++) e->first_ns[i] = 0;
 }
 
+// The table of display values of all corrections, NULL where there are none.
+static const uint8_t *carve_display(const sv_exposures_cfg *cfg, sv_arena *a) {
+  const sv_rig *rig = cfg->rig;
+  for (int i = 0; i < rig->n_sub_views && !cfg->is_deep; i++)
+    if (sv_correction_is_needed(&rig->sub_views[i].photometric)) return sv_correction_display(a);
+  return NULL;
+}
+
 static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a, sv_err *err) {
   const sv_rig *rig = cfg->rig;
   e->exposure = SV_TAKE(a, sv_exposure, cfg->cap_exposures);
@@ -73,6 +81,7 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
     return sv_measurements_init(&e->measurements, &cc, a, err);
   }
   e->sub = SV_TAKE(a, sv_sub_view_store, rig->n_sub_views);
+  const uint8_t *display = carve_display(cfg, a);
   size_t at = 0;
   for (int i = 0; i < rig->n_sub_views; i++) {
     const sv_camera_model *m = &rig->sub_views[i].model;
@@ -83,6 +92,8 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
     sv_remap_tap *entries =
         is_bent ? SV_TAKE(a, sv_remap_tap, (size_t)m->width_px * (size_t)m->height_px) : NULL;
     const size_t px = (size_t)m->width_px * (size_t)m->height_px, bytes = (px * 3 + 63) & ~(size_t)63;
+    sv_correction correction = {0};
+    if (!cfg->is_deep) sv_correction_carve(&correction, &rig->sub_views[i], display, px, a);
     const bool is_held = cfg->hold_out > 0;
     uint8_t *mask = rig->sub_views[i].mask || is_dark || is_held ? SV_TAKE(a, uint8_t, px) : NULL;
     uint8_t *held = is_held ? SV_TAKE(a, uint8_t, px) : NULL;
@@ -92,6 +103,7 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
       s->map.entries = entries;
       s->is_fisheye = is_fisheye;
       s->fisheye = fisheye;
+      s->correction = correction;
       s->pinhole = *m;
       if (!is_fisheye && !sv_pinhole_for_model(m, SV_PINHOLE_CROP_TO_VALID, &s->pinhole))
         return sv_fail(err, SV_E_RANGE,
@@ -197,6 +209,9 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
     if (s < 0)
       return sv_fail(err, s, "rig \"%s\", sub-view \"%s\": no undistortion table for %dx%d pixels",
                      cfg->rig->name, cfg->rig->sub_views[i].name, v->pinhole.width_px, v->pinhole.height_px);
+    if (v->correction.light && sv_correction_fill(&v->correction, &cfg->rig->sub_views[i], &v->map) < 0)
+      return sv_fail(err, SV_E_RANGE, "rig \"%s\", sub-view \"%s\": its color matrix has no inverse",
+                     cfg->rig->name, cfg->rig->sub_views[i].name);
     undistort_mask(v, &cfg->rig->sub_views[i], cfg->hold_out, i);
     if (find_row_time(v, &cfg->rig->sub_views[i], cfg->caps) < 0)
       return sv_fail(err, SV_E_RANGE,
@@ -216,7 +231,22 @@ typedef struct {
   const uint16_t *deep; // first of the camera's deep planes, and the first of the picture's
   uint16_t *deep_dst;
   size_t deep_plane, deep_width;
+  uint8_t *picture; // in the pool, where dst may be on the way to it
 } copy_job;
+
+// Rows that are there, as the reference camera would show them.
+static void correct_rows(const copy_job *j, int y0, int y1) {
+  const sv_sub_view_store *s = &j->e->sub[j->i_sub];
+  if (!s->correction.light || j->dst != j->picture) return;
+  j->k->correct(&(sv_correct_args){.px = j->dst,
+                                   .stride_bytes = (size_t)s->pinhole.width_px * 3,
+                                   .width_px = s->pinhole.width_px,
+                                   .light = s->correction.light,
+                                   .inverse_falloff = s->correction.inverse_falloff,
+                                   .display = s->correction.display,
+                                   .row0 = y0,
+                                   .row1 = y1});
+}
 
 // Rows of one sub-view: made smaller.
 static void reduce_task(void *arg, int i_task, int i_thread) {
@@ -234,6 +264,7 @@ static void reduce_task(void *arg, int i_task, int i_thread) {
                     .row1 = sv_mini((i_task + 1) * ROWS_PER_TASK, v->model.height_px),
                     .scratch = j->e->area_scratch + (size_t)i_thread * j->e->n_area_floats};
   j->k->area(&a);
+  correct_rows(j, a.row0, a.row1);
 }
 
 // Rows of one sub-view: a plain copy of its footprint, or through the undistortion table.
@@ -249,6 +280,7 @@ static void copy_task(void *arg, int i_task, int i_thread) {
   if (!s->map.entries) {
     for (int y = y0; y < y1; y++)
       memcpy(j->dst + (size_t)y * (size_t)w * 3, src + (size_t)y * stride, (size_t)w * 3);
+    correct_rows(j, y0, y1);
     return;
   }
   sv_remap_args a = {.src = src,
@@ -262,6 +294,7 @@ static void copy_task(void *arg, int i_task, int i_thread) {
                      .row0 = y0,
                      .row1 = y1};
   j->k->remap(&a);
+  correct_rows(j, y0, y1);
 }
 
 static int n_tasks(int n_rows) { return (n_rows + ROWS_PER_TASK - 1) / ROWS_PER_TASK; }
@@ -371,6 +404,7 @@ static sv_status put_pictures(sv_exposures *e, int place, const sv_frame *frame,
       }
       uint8_t *block = e->px + (size_t)place * e->exposure_bytes;
       copy_job j = {.e = e, .k = k, .i_sub = i, .dst = block + e->sub[i].at};
+      j.picture = j.dst;
       put_sub_view(&j, &image, pool);
       if (e->cfg.is_deep) put_deep(&j, &frame[c], (uint16_t *)(void *)(block + e->sub[i].deep_at), pool);
     }

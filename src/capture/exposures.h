@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pool of exposures: each sub-view's image, cut out of its sensor's frame and undistorted once
-// (fisheyes stay as they are, with a mask where the lens is dark), kept for training; of
-// multiplexed rigs, each sensor's measurement (measurements.h). Owns images, times and poses of the
-// exposures in a fixed number of slots; a full pool replaces the oldest.
+// The pool of exposures: each sub-view's image, cut out of its sensor's frame, undistorted once and
+// corrected where the rig is photometrically calibrated (fisheyes stay as they are, with a mask
+// where the lens is dark), kept for training; of multiplexed rigs, each sensor's measurement
+// (measurements.h). Owns images, times and poses of the exposures in a fixed number of slots; a
+// full pool replaces the oldest.
 // Never keeps a camera's frame: it is free as soon as sv_exposures_add returns.
 #ifndef SV_CAPTURE_EXPOSURES_H
 #define SV_CAPTURE_EXPOSURES_H
@@ -10,6 +11,7 @@
 #include "calib/fisheye.h"
 #include "calib/remap.h"
 #include "kernels/kernels.h"
+#include "src/capture/correction.h"
 #include "src/capture/measurements.h"
 #include "src/capture/sharpness.h"
 #include "src/capture/spacing.h"
@@ -50,9 +52,10 @@ typedef struct {
   sv_remap map;            // entries NULL for a lens without distortion, and for a fisheye
   bool is_fisheye;
   sv_fisheye fisheye;
-  size_t at, bytes;     // of its picture inside one exposure's block
-  size_t deep_at;       // of its deep picture, likewise
-  uint8_t *mask;        // [height][width] of the view, NULL without one
+  size_t at, bytes; // of its picture inside one exposure's block
+  size_t deep_at;   // of its deep picture, likewise
+  uint8_t *mask;    // [height][width] of the view, NULL without one
+  sv_correction correction; // not of deep pictures
   uint8_t *held;        // [height][width] 1: kept from training; NULL without hold_out
   sv_row_time row_time; // of a rolling shutter
 } sv_sub_view_store;

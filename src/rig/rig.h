@@ -14,6 +14,7 @@
 #include "src/base/arena.h"
 #include "src/base/time.h"
 #include "src/base/vec.h"
+#include "src/rig/photometry.h"
 #include "src/rig/shutter.h"
 #include "src/rig/trigger.h"
 
@@ -56,6 +57,7 @@ typedef struct {
   const uint8_t *mask;
   sv_shutter shutter; // of its sensor
   sv_sensor_noise noise;
+  sv_photometry photometric; // of its camera and lens; not known by default
   // What the calibrated images show of their sensor, and other modes of it, where the camera does
   // not report them (src/rig/sizes.h).
   sv_sensor_area area; // sensor size 0: not known

@@ -54,6 +54,17 @@ int sv_appearance_mode_by_name(const char *name) {
   return -1;
 }
 
+// All cameras are calibrated photometrically, and see with the exposure, gain and white balance
+// that this holds for.
+static bool is_calibrated(const sv_app_cfg *c) {
+  if (c->is_deep) return false; // deep pictures are not corrected
+  for (int i = 0; i < c->n_cameras; i++)
+    if (!c->caps[i].is_light_shared) return false;
+  for (int i = 0; i < c->rig->n_sub_views; i++)
+    if (sv_app_is_trained_on(c, i) && !c->rig->sub_views[i].photometric.is_known) return false;
+  return true;
+}
+
 // Sensors whose lens images overlap have but one camera's color.
 static void plan_appearance(const sv_app_cfg *c, sv_train_cfg *t) {
   bool is_known = true, is_locked = true;
@@ -63,9 +74,9 @@ static void plan_appearance(const sv_app_cfg *c, sv_train_cfg *t) {
   }
   sv_appearance_mode mode = c->appearance;
   if (mode == SV_APPEARANCE_AUTO)
-    mode = !is_locked && !c->is_continuous ? SV_APPEARANCE_EXPOSURES
-           : !is_known                     ? SV_APPEARANCE_CAMERAS
-                                           : SV_APPEARANCE_OFF;
+    mode = !is_locked && !c->is_continuous  ? SV_APPEARANCE_EXPOSURES
+           : !is_known && !is_calibrated(c) ? SV_APPEARANCE_CAMERAS
+                                            : SV_APPEARANCE_OFF;
   if (mode == SV_APPEARANCE_OFF || is_multiplexed(c)) return;
   t->appearance.n_cameras = c->n_cameras;
   t->appearance.n_exposures = mode == SV_APPEARANCE_EXPOSURES ? c->n_exposures : 0;

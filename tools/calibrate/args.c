@@ -10,7 +10,9 @@
 #include "src/format/board_print.h"
 
 #define AT(field) offsetof(cal_options, field)
-#define ALL       (CAL_BOARD | CAL_LENSLETS | CAL_POSE | CAL_CHECK | CAL_SHUTTER | CAL_PRINT | CAL_NOISE | CAL_LIVE)
+#define ALL                                                                                                  \
+  (CAL_BOARD | CAL_LENSLETS | CAL_POSE | CAL_CHECK | CAL_SHUTTER | CAL_PRINT | CAL_NOISE | CAL_LIVE |        \
+   CAL_PHOTOMETRIC)
 
 static const sv_option table[] = {
     {"images", SV_OPT_LIST, CAL_BOARD | CAL_CHECK, CAL_BOARD, AT(images), "CAM0 CAM1 ...",
@@ -70,6 +72,15 @@ static const sv_option table[] = {
      "fails rather than take more than this (no limit)", 64, 1 << 20, 0},
     {"feed-fd", SV_OPT_INT, CAL_LIVE, 0, AT(feed_fd), "N", "used by subview itself", 3, 1 << 20, 0},
     {"out", SV_OPT_TEXT, CAL_LIVE, CAL_LIVE, AT(out), "RIG", "output folder", 0, 0, 0},
+    {"rig", SV_OPT_TEXT, CAL_PHOTOMETRIC, CAL_PHOTOMETRIC, AT(rig), "RIG",
+     "calibrated rig: a folder with rig.json, to which the result is added", 0, 0, 0},
+    {"white", SV_OPT_LIST, CAL_PHOTOMETRIC, 0, AT(whites), "CAM0 CAM1 ...",
+     "pictures of an evenly lit white surface: per camera a quoted pattern ('left*.png') or a folder", 0, 0,
+     "cameras"},
+    {"images", SV_OPT_LIST, CAL_PHOTOMETRIC, 0, AT(images), "CAM0 CAM1 ...",
+     "pictures of a chessboard, likewise, in the order of the rig's sub-views", 0, 0, "cameras"},
+    {"board", SV_OPT_TEXT, CAL_PHOTOMETRIC, 0, AT(board), "WxH", "inner corners of the chessboard: 9x6", 0, 0,
+     0},
     {"model", SV_OPT_WORD, CAL_BOARD, 0, AT(model),
      "LENSMODEL_PINHOLE|LENSMODEL_OPENCV4|LENSMODEL_OPENCV5|LENSMODEL_OPENCV8",
      "lens model (LENSMODEL_OPENCV5)", 0, 0, 0},
@@ -128,7 +139,8 @@ int cal_args_parse(const sv_tool_command *c, int argc, char **argv, cal_options 
                      .memory_mib = -1};
   int e = sv_options_parse(&options, c, argc, argv, o);
   if (o->is_help || o->is_version) return e;
-  if (e == CAL_EXIT_OK && c->bit != CAL_PRINT && (o->board != NULL) != (o->spacing_m >= 0))
+  if (e == CAL_EXIT_OK && c->bit != CAL_PRINT && c->bit != CAL_PHOTOMETRIC &&
+      (o->board != NULL) != (o->spacing_m >= 0))
     e = cal_usage(c->name, "--board and --spacing must be given together");
   // only lenslets has these
   if (e == CAL_EXIT_OK && o->board && (o->pitch_m >= 0 || o->focal_px >= 0))

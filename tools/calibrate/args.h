@@ -20,12 +20,14 @@ enum {
   CAL_SHUTTER = 16,
   CAL_PRINT = 32,
   CAL_NOISE = 64,
-  CAL_LIVE = 128
+  CAL_LIVE = 128,
+  CAL_PHOTOMETRIC = 256
 };
 
 // NULL and -1 stand for "not given"; a given number is inside its range.
 typedef struct {
   sv_option_list images; // of --images: one for each camera
+  sv_option_list whites; // of --white, likewise
   const char *board, *model, *out, *name, *rig, *isolated, *white, *capture, *paper;
   int n_cols, n_rows; // of --board
   double spacing_m, pitch_m, focal_px, dark;

@@ -18,6 +18,7 @@ int cal_cmd_check(const cal_options *o);
 int cal_cmd_pose(const cal_options *o);
 int cal_cmd_shutter(const cal_options *o);
 int cal_cmd_noise(const cal_options *o);
+int cal_cmd_photometric(const cal_options *o);
 int cal_cmd_print(const cal_options *o);
 int cal_cmd_live(const cal_options *o);
 

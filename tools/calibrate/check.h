@@ -13,6 +13,10 @@ typedef struct {
   double
       // RMS distance of its corners from the epipolar lines of the first camera's; NAN: none shared
       epipolar_px;
+  // The light of the boards' white squares, relative to the first camera's, after what the rig's
+  // photometric calibration corrects; and of how many squares.
+  double light[3];
+  int n_squares, n_saturated;
 } cal_check_camera;
 
 typedef struct {

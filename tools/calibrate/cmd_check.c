@@ -10,11 +10,14 @@
 #include "src/format/rig_file.h"
 #include "tools/calibrate/calibrate.h"
 #include "tools/calibrate/check.h"
+#include "tools/calibrate/photometry.h"
 
 #define SCENE_SIZES   20.0 // the assumed distance of a scene, in widths of the rig, without images
 #define KNOCKED_TIMES 3.0  // poses fit so much worse together than each camera alone
 #define KNOCKED_PX    0.5
 #define LENS_RMS_PX   1.0
+#define UNLIKE        0.03 // of the light
+#define MIN_SQUARES   20
 
 sv_status cal_read_rig(sv_rig *rig, const char *folder, void *block, sv_err *err) {
   sv_arena a = sv_arena_make(block, CAL_RIG_BYTES / 2),
@@ -80,6 +83,12 @@ static void report(lab_report *j, const sv_rig *rig, const cal_check *c, double 
       lab_report_num(j, "rms_alone_px", c->cameras[i].rms_alone_px);
       lab_report_num(j, "rms_in_rig_px", c->cameras[i].rms_rig_px);
       lab_report_num(j, "epipolar_px", c->cameras[i].epipolar_px);
+      lab_report_int(j, "squares", c->cameras[i].n_squares);
+    }
+    static const char *const lights[] = {"light_r", "light_g", "light_b"};
+    for (int k = 0; c && k < 3 && c->cameras[i].n_squares; k++)
+      lab_report_num(j, lights[k], c->cameras[i].light[k]);
+    if (c) {
     }
     lab_report_item_end(j);
   }
@@ -92,6 +101,27 @@ static void report(lab_report *j, const sv_rig *rig, const cal_check *c, double 
   }
   lab_report_array_end(j);
   lab_report_end(j);
+}
+
+static void advise_light(cal_advice *a, const sv_rig *rig, const cal_check *c) {
+  for (int i = 1; i < c->n_cameras; i++) {
+    const cal_check_camera *q = &c->cameras[i];
+    double off = 0;
+    if (q->n_squares < MIN_SQUARES && q->n_saturated >= MIN_SQUARES)
+      cal_advise(a,
+                 "%s: %d white squares of the boards are saturated, so that its light cannot be compared; "
+                 "expected a shorter exposure",
+                 rig->sub_views[i].name, q->n_saturated);
+    for (int k = 0; k < 3; k++) off = sv_maxd(off, fabs(q->light[k] - 1));
+    if (q->n_squares < MIN_SQUARES || off <= UNLIKE) continue;
+    cal_advise(
+        a,
+        "%s shows the boards' white squares otherwise than %s: red %+.0f %%, green %+.0f %%, blue %+.0f %% "
+        "of the light%s. Lock exposure, gain and white balance, then use 'subview-calibrate photometric'",
+        rig->sub_views[i].name, rig->sub_views[0].name, 100 * (q->light[0] - 1), 100 * (q->light[1] - 1),
+        100 * (q->light[2] - 1),
+        rig->sub_views[i].photometric.is_known ? ", after the rig's photometric calibration" : "");
+  }
 }
 
 static void advise(cal_advice *a, const cal_check *c) {
@@ -114,6 +144,17 @@ static void advise(cal_advice *a, const cal_check *c) {
   }
 }
 
+static sv_status compare_light(const sv_rig *rig, const cal_boards *b, cal_check *c, sv_err *err) {
+  cal_squares squares = {0};
+  sv_status s = cal_squares_read(&squares, rig, b, err);
+  for (int i = 0; i < c->n_cameras && s == SV_OK; i++) {
+    c->cameras[i].n_squares = cal_squares_compare(&squares, rig, i, c->cameras[i].light);
+    c->cameras[i].n_saturated = squares.n_saturated[i];
+  }
+  cal_squares_free(&squares);
+  return s;
+}
+
 static sv_status check_images(const cal_options *o, lab_session *se, const sv_rig *rig, cal_boards *b,
                               cal_check *c, sv_err *err) {
   if (o->images.n != rig->n_sub_views)
@@ -131,7 +172,8 @@ static sv_status check_images(const cal_options *o, lab_session *se, const sv_ri
                   o->images.of[i], b->size_px[i][0], b->size_px[i][1], rig->sub_views[i].name, m->width_px,
                   m->height_px);
   }
-  return s == SV_OK ? cal_check_boards(c, rig, b, o->spacing_m, err) : s;
+  if (s == SV_OK) s = cal_check_boards(c, rig, b, o->spacing_m, err);
+  return s == SV_OK ? compare_light(rig, b, c, err) : s;
 }
 
 static void say(lab_session *se, const sv_rig *rig, const cal_check *c, double angle_deg) {
@@ -164,6 +206,7 @@ static sv_status check(const cal_options *o, lab_session *se, cal_boards *b, voi
     if (has_images) {
       cal_advise_spacing(a, o->spacing_m);
       advise(a, &c);
+      advise_light(a, &rig, &c);
     }
     if (rig.n_sub_views > 1 && angle_deg < 0.2)
       cal_advise(a, "the angular baseline is %.2f degrees: the paper's gain begins at about 0.2; move closer",

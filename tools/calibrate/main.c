@@ -86,13 +86,26 @@ static const cal_command commands[] = {
       "  subview-calibrate noise --rig flat/rig --images flat/left flat/right",
       CAL_NOISE},
      cal_cmd_noise},
+    {{"photometric", "--rig RIG (--white CAM0 CAM1 ... | --images CAM0 CAM1 ... --board WxH) [options]",
+      "white pictures or chessboards -> vignetting, gains and white balance of each camera",
+      "Measures what each camera makes of the same light: the lens's falloff towards the corners, and gain "
+      "and\nwhite balance relative to the first camera. Adds \"photometric\" to RIG/rig.json; 'subview run' "
+      "then "
+      "corrects\nframes as they come. Cameras must be locked at the exposure, gain and white balance that "
+      "scans "
+      "use.\nWhite: fill all images with an evenly lit white surface (a wall, a sheet before the lens), some "
+      "pictures, not\nsaturated; text matched by the wildcards pairs pictures of one instant. Chessboard: "
+      "its white "
+      "squares, in the\npictures of 'subview-calibrate board'; vignetting needs boards in all corners.",
+      "  subview-calibrate photometric --rig rig --white 'left*.png' 'right*.png'", CAL_PHOTOMETRIC},
+     cal_cmd_photometric},
 };
 #define N_COMMANDS ((int)(sizeof commands / sizeof *commands))
 
 static void help(void) {
   printf("usage: subview-calibrate COMMAND [options]\n\n"
          "Calibrates the cameras of a rig: lens models and relative poses.\n\n");
-  for (int i = 0; i < N_COMMANDS; i++) printf("  %-9s %s\n", commands[i].c.name, commands[i].c.summary);
+  for (int i = 0; i < N_COMMANDS; i++) printf("  %-11s %s\n", commands[i].c.name, commands[i].c.summary);
   printf("\nsubview-calibrate COMMAND --help explains a command.\n\nExample:\n%s\n", commands[0].c.example);
 }
 

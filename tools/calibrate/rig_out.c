@@ -7,7 +7,7 @@
 #include "tools/calibrate/calibrate.h"
 #include "tools/common/coverage.h"
 
-#define JSON_BYTES  (SV_CAP_SUB_VIEWS * 500 + 1024)
+#define JSON_BYTES  (SV_CAP_SUB_VIEWS * 1200 + 1024)
 #define MODEL_BYTES (512 * 1024)
 
 static sv_status save(const char *folder, const char *name, const sv_str *text, sv_err *err) {

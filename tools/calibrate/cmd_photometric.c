@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+// subview-calibrate photometric: what the cameras of a rig make of the same light.
+#include <stdlib.h>
+#include <string.h>
+
+#include "calib/solve/corners.h"
+#include "src/base/str.h"
+#include "tools/calibrate/photometry.h"
+#include "tools/common/fileio.h"
+
+#define BLOCK_BYTES ((size_t)64 << 20)
+#define UNEVEN      0.03
+
+typedef struct {
+  sv_arena arena, scratch;
+  sv_rig rig;
+  sv_coverage_names names;
+  cal_boards boards;
+  cal_squares squares;
+  cal_advice advice;
+  cal_photometry found[SV_CAP_SUB_VIEWS];
+} job;
+
+static sv_status read_rig(job *j, const cal_options *o, sv_err *err) {
+  sv_file_reader files = {(void *)(uintptr_t)o->rig, sv_folder_read};
+  if (sv_rig_init(&j->rig, SV_CAP_SUB_VIEWS, &j->arena) < 0)
+    return sv_fail(err, SV_E_NOMEM, "%s: no memory for the rig", o->rig);
+  sv_status s = sv_rig_read_coverage(&j->rig, &j->names, &files, -1, &j->scratch, err);
+  if (s == SV_OK && j->rig.forward == SV_FORWARD_MULTIPLEXED)
+    s = sv_fail(err, SV_E_UNSUPPORTED,
+                "%s: the sub-views share their pixels; 'subview-calibrate lenslets' measures what each lens "
+                "lights",
+                o->rig);
+  return s;
+}
+
+static int n_cameras(const sv_rig *rig) {
+  int n = 0;
+  for (int i = 0; i < rig->n_sub_views; i++)
+    if (rig->sub_views[i].i_camera >= n) n = rig->sub_views[i].i_camera + 1;
+  return n;
+}
+
+static sv_status from_white(job *j, const cal_options *o, sv_err *err) {
+  cal_options with = *o;
+  with.images = o->whites;
+  if (o->whites.n != n_cameras(&j->rig))
+    return sv_fail(err, SV_E_ARG, "%s has %d cameras, --white names %d: expected one per camera", o->rig,
+                   n_cameras(&j->rig), o->whites.n);
+  sv_status s = cal_boards_list(&j->boards, &with, err);
+  return s == SV_OK ? cal_white_solve(&j->rig, &j->boards, j->found, err) : s;
+}
+
+static sv_status from_boards(job *j, const cal_options *o, lab_session *se, sv_err *err) {
+  if (o->images.n != j->rig.n_sub_views)
+    return sv_fail(
+        err, SV_E_ARG,
+        "%s has %d sub-views, --images names %d cameras: expected one per sub-view, in the rig's order",
+        o->rig, j->rig.n_sub_views, o->images.n);
+  sv_status s = sv_corners_available(o->n_cols, o->n_rows, err);
+  if (s == SV_OK) s = cal_boards_list(&j->boards, o, err);
+  if (s == SV_OK) s = cal_boards_find(&j->boards, se, NULL, err);
+  for (int i = 0; i < j->boards.n_cameras && s == SV_OK; i++) {
+    const sv_camera_model *m = &j->rig.sub_views[i].model;
+    if (j->boards.size_px[i][0] != m->width_px || j->boards.size_px[i][1] != m->height_px)
+      s = sv_fail(err, SV_E_FORMAT, "%s: images of %dx%d pixels, but the rig's %s is for %dx%d",
+                  o->images.of[i], j->boards.size_px[i][0], j->boards.size_px[i][1], j->rig.sub_views[i].name,
+                  m->width_px, m->height_px);
+  }
+  if (s == SV_OK) s = cal_squares_read(&j->squares, &j->rig, &j->boards, err);
+  if (s != SV_OK || (s = cal_squares_solve(&j->squares, &j->rig, j->found, err)) != SV_OK) return s;
+  if (j->found[0].found.falloff_sigma >= 1)
+    cal_advise(
+        &j->advice,
+        "the boards do not tell the lenses' falloff, which is taken as none: hold them in all corners of "
+        "the images, or use --white");
+  return s;
+}
+
+static sv_status solve(job *j, const cal_options *o, lab_session *se, sv_err *err) {
+  return o->whites.n ? from_white(j, o, err) : from_boards(j, o, se, err);
+}
+
+// --- what is told --------------------------------------------------------------------------------
+
+static void report(lab_report *r, const job *j) {
+  lab_report_begin(r);
+  lab_report_array(r, "cameras");
+  for (int i = 0; i < j->rig.n_sub_views; i++) {
+    const sv_photometry *p = &j->found[i].found;
+    static const char *const gains[] = {"gain_r", "gain_g", "gain_b"};
+    static const char *const sigmas[] = {"sigma_r", "sigma_g", "sigma_b"};
+    lab_report_item_begin(r);
+    lab_report_text(r, "name", j->rig.sub_views[i].name);
+    for (int k = 0; k < 3; k++) lab_report_num(r, gains[k], p->color[4 * k]);
+    for (int k = 0; k < 3; k++) lab_report_num(r, sigmas[k], p->color_sigma[k]);
+    lab_report_num(r, "corner_light", sv_photometry_falloff(p, 1));
+    lab_report_num(r, "corner_sigma", p->falloff_sigma);
+    lab_report_int(r, "pictures", j->found[i].n_pictures);
+    lab_report_num(r, "rms", j->found[i].rms);
+    lab_report_item_end(r);
+  }
+  lab_report_array_end(r);
+  lab_report_array(r, "warnings");
+  for (int i = 0; i < j->advice.n; i++) {
+    lab_report_item_begin(r);
+    lab_report_text(r, "text", j->advice.text[i]);
+    lab_report_item_end(r);
+  }
+  lab_report_array_end(r);
+  lab_report_end(r);
+}
+
+static void say(lab_session *se, const job *j) {
+  for (int i = 0; i < j->rig.n_sub_views; i++) {
+    const sv_photometry *p = &j->found[i].found;
+    lab_say(
+        se,
+        "  %s: gains %.4f %.4f %.4f (+- %.2f %%), %.1f %% of the light at the corner (+- %.1f); %d pictures",
+        j->rig.sub_views[i].name, p->color[0], p->color[4], p->color[8], 100 * p->color_sigma[1],
+        100 * sv_photometry_falloff(p, 1), 100 * p->falloff_sigma, j->found[i].n_pictures);
+  }
+  for (int i = 0; i < j->advice.n; i++) se->console.log(se->console.self, SV_LOG_WARN, j->advice.text[i]);
+}
+
+static void advise(job *j) {
+  for (int i = 0; i < j->rig.n_sub_views; i++)
+    if (j->found[i].rms > UNEVEN)
+      cal_advise(&j->advice,
+                 "%s: the light differs by %.1f %% RMS from what a lens and even light give: is the surface "
+                 "evenly lit, without shadows or texture?",
+                 j->rig.sub_views[i].name, 100 * j->found[i].rms);
+}
+
+static sv_status calibrate(job *j, const cal_options *o, lab_session *se, sv_err *err) {
+  sv_status s = read_rig(j, o, err);
+  if (s == SV_OK) s = solve(j, o, se, err);
+  if (s == SV_OK) s = cal_stopped(se, NULL, err);
+  if (s != SV_OK) return s;
+  for (int i = 0; i < j->rig.n_sub_views; i++) j->rig.sub_views[i].photometric = j->found[i].found;
+  advise(j);
+  say(se, j);
+  if ((s = cal_rig_update(o->rig, &j->rig, &j->names, err)) != SV_OK) return s;
+  lab_say(se, "written: %s/rig.json", o->rig);
+  if (!o->is_json) return SV_OK;
+  lab_report r = {0};
+  report(&r, j);
+  return lab_report_print(&r, err);
+}
+
+int cal_cmd_photometric(const cal_options *o) {
+  lab_session se;
+  sv_err err = {0};
+  if ((o->whites.n > 0) == (o->images.n > 0))
+    return cal_usage("photometric", "either --white or --images is needed");
+  if ((o->images.n > 0) != (o->board != NULL))
+    return cal_usage("photometric", "--images and --board must be given together");
+  job *j = calloc(1, sizeof *j);
+  uint8_t *block = malloc(BLOCK_BYTES);
+  sv_status s = lab_session_start(&se, o->threads, o->is_quiet, &err);
+  if (s == SV_OK) s = sv_linux_catch_signals(&err);
+  if (s == SV_OK && (!j || !block)) s = sv_fail(&err, SV_E_NOMEM, "no memory");
+  if (s == SV_OK) {
+    j->arena = sv_arena_make(block, BLOCK_BYTES / 2);
+    j->scratch = sv_arena_make(block + BLOCK_BYTES / 2, BLOCK_BYTES / 2);
+    s = calibrate(j, o, &se, &err);
+    cal_boards_free(&j->boards);
+    cal_squares_free(&j->squares);
+  }
+  if (s != SV_OK) lab_failed(&se, &err);
+  lab_session_stop(&se);
+  free(j);
+  free(block);
+  return s == SV_OK ? CAL_EXIT_OK : CAL_EXIT_FAILED;
+}
