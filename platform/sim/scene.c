@@ -25,7 +25,6 @@ static const sv_sim_material
     paper = {SV_SIM_SPOTS, 0.20f, {0.80f, 0.74f, 0.55f}, {0.28f, 0.48f, 0.52f}, {0.85f, 0.55f, 0.45f}, 0.0f},
     plaster = {SV_SIM_NOISE,          0.22f, {0.48f, 0.58f, 0.66f}, {0.85f, 0.86f, 0.80f},
                {0.62f, 0.44f, 0.50f}, 0.0f},
-    white = {.pattern = SV_SIM_BOARD, .cell_m = 1, .a = {0.33f, 0.33f, 0.33f}, .b = {0.33f, 0.33f, 0.33f}},
     board = {.pattern = SV_SIM_BOARD, .cell_m = 0.12f, .a = {0.8f, 0.8f, 0.8f}, .b = {0.03f, 0.03f, 0.03f}};
 
 typedef struct {
@@ -246,28 +245,18 @@ static void build_hall(sv_sim_scene *s) {
 }
 
 // Faces the middle of the default trajectories.
-static void face_path(sv_sim_prim *p) {
+static void build_board(sv_sim_scene *s) {
   const double az = SV_PI / 4, el = SV_PI / 6,
                z[3] = {sv_cos(el) * sv_cos(az), sv_cos(el) * sv_sin(az), sv_sin(el)},
                x[3] = {-sv_sin(az), sv_cos(az), 0};
   double y[3];
+  sv_sim_prim *p = add(s, SV_SIM_BOX, &board, (xyz){0, 0, 0}, (xyz){0.80, 0.62, 0.01});
   sv_cross3(y, z, x);
   for (int i = 0; i < 3; i++) {
     p->r[3 * i] = x[i];
     p->r[3 * i + 1] = y[i];
     p->r[3 * i + 2] = z[i];
   }
-}
-
-static void build_board(sv_sim_scene *s) {
-  face_path(add(s, SV_SIM_BOX, &board, (xyz){0, 0, 0}, (xyz){0.80, 0.62, 0.01}));
-}
-
-// One face fills any camera's image, so that it is lit evenly.
-static void build_white(sv_sim_scene *s) {
-  sv_sim_prim *p = add(s, SV_SIM_BOX, &white, (xyz){0, 0, 0}, (xyz){200, 200, 0.01});
-  p->is_stage = true;
-  face_path(p);
 }
 
 void sv_sim_scene_build(sv_sim_scene *s, sv_sim_scene_id id) {
@@ -284,7 +273,6 @@ void sv_sim_scene_build(sv_sim_scene *s, sv_sim_scene_id id) {
   case SV_SIM_SCENE_ROOM: build_room(s); break;
   case SV_SIM_SCENE_HALL: build_hall(s); break;
   case SV_SIM_SCENE_BOARD: build_board(s); break;
-  case SV_SIM_SCENE_WHITE: build_white(s); break;
   default: build_textured(s);
   }
 }

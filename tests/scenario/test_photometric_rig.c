@@ -95,7 +95,7 @@ static double psnr(const char *dir, const char *rig, const char *options) {
 TEST(test_white_pictures) {
   char dir[256], with[600];
   assert_int_equal(temp_folder_make(dir, sizeof dir, "photometric"), 0);
-  capture(dir, "sim:white,rig=phone,size=160x120,noise=read:1e-5:shot:1e-4," DIFFERENT, 10);
+  capture(dir, "sim:textured,flat=0.33,rig=phone,size=160x120,noise=read:1e-5:shot:1e-4," DIFFERENT, 10);
   assert_int_equal(calibrate(dir, "--white", "wide ultrawide tele", ""), 0);
   check_camera("\"wide\"", same, 1e-6, 0.01);
   check_camera("\"ultrawide\"", right, 0.005, 0.01);
@@ -136,7 +136,7 @@ TEST(test_boards) {
 TEST(test_refused) {
   char dir[256];
   assert_int_equal(temp_folder_make(dir, sizeof dir, "photometric"), 0);
-  capture(dir, "sim:white,rig=stereo,size=160x120,gain=0.9,white=3000", 2);
+  capture(dir, "sim:textured,flat=0.33,rig=stereo,size=160x120,gain=0.9,white=3000", 2);
   assert_int_equal(calibrate(dir, "--white", "left right", ""), 1);
   assert_contains(out, "of its pixels are saturated");
   assert_int_equal(calibrate(dir, "--white", "left", ""), 1);
