@@ -117,7 +117,7 @@ TEST(test_boards) {
   capture(dir,
           "sim:board,rig=stereo,path=sway,turn_deg_s=25,move_m_s=0.6,fps=2,size=400x300,vignetting=-0."
           "4," BRIGHTER,
-          16);
+          32);
   assert_int_equal(program(dir, "check", "--images", "left right", "--board 9x6 --spacing 0.12"), 0);
   assert_contains(out, "right shows the boards' white squares otherwise than left");
   const double before = number_from(strstr(out, "\"right\""), "\"light_g\": ");
