@@ -61,7 +61,7 @@ holds() { # package, paths
 }
 holds subview usr/bin/subview usr/bin/subview-preview usr/lib/subview/subview-libcamera.so usr/share/man/man1/subview.1.gz \
   usr/share/bash-completion/completions/subview usr/share/doc/subview/copyright usr/lib/systemd/system/subview.service \
-  etc/subview/subview.conf usr/lib/udev/rules.d/60-subview.rules usr/lib/subview/status
+  etc/subview/subview.conf usr/lib/udev/rules.d/60-subview.rules usr/lib/subview/status usr/lib/subview/mdns usr/lib/systemd/system/subview-mdns.service
 verdict $? "files of subview"
 holds libsubview-dev usr/include/subview/subview.h "usr/lib/$(uname -m)-linux-gnu/libsubview.a" \
   "usr/lib/$(uname -m)-linux-gnu/pkgconfig/subview.pc"

@@ -98,6 +98,8 @@ put 644 "$files/subview.conf" etc/subview
 put 644 "$files/60-subview.rules" usr/lib/udev/rules.d
 put 644 "$files/subview-avahi.service" etc/avahi/services subview.service
 put 755 "$files/status" usr/lib/subview
+put 644 "$files/subview-mdns.service" usr/lib/systemd/system
+put 755 "$files/mdns" usr/lib/subview
 for script in postinst prerm postrm; do put 755 "$files/subview.$script" DEBIAN $script; done
 printf '%s\n' /etc/avahi/services/subview.service /etc/subview/subview.conf >"$work/subview/DEBIAN/conffiles"
 package=subview-calibrate
