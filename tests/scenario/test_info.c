@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `subview-lab info`: the angular baseline of datasets and rigs.
+// `subview-lab info`: the angular baseline of datasets and rigs; masks that devices share.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -86,12 +86,41 @@ TEST(test_rig) {
   assert_true(near > 0 && fabs(near / number("\"theta_deg\"") - 2) < 0.05);
 }
 
+// Each device has its own co-visible pixels; those of a comparison are the same for each.
+TEST(test_shared_mask) {
+  static const char *const names[] = {"mono", "phone"};
+  double own[2], shared[2];
+  lab_shell_need(&shell);
+  for (int i = 0; i < 2; i++) {
+    char line[400];
+    snprintf(line, sizeof line,
+             "@ train --data s --transforms transforms_train_%s.json --exposures 1 --gaussians 100 --steps 5 "
+             "--out %s --quiet && @ eval --data s --model %s/model.ply --split test --mask covisible "
+             "--mask-with transforms_train_%s.json,transforms_train_stereo.json --json --quiet >%s.json && "
+             "cat %s.json",
+             names[i], names[i], names[i], names[!i], names[i], names[i]);
+    lab_shell_run_well(&shell, line);
+    own[i] = number("\"mask_coverage\"");
+    shared[i] = number("\"shared_coverage\"");
+    assert_true(number("\"mpsnr\"") > 0 && number("\"shared_psnr\"") > 0);
+  }
+  print_message("own %.4f and %.4f, shared %.4f\n", own[0], own[1], shared[0]);
+  assert_true(shared[0] == shared[1] && shared[0] > 0);
+  assert_true(shared[0] <= own[0] && shared[0] <= own[1] && own[0] != own[1]);
+  assert_int_equal(lab_shell_run(&shell, "@ eval --data s --model mono/model.ply --mask-with x"), 2);
+  assert_contains(shell.said, "--mask-with needs --mask");
+  assert_int_equal(
+      lab_shell_run(&shell, "@ eval --data s --model mono/model.ply --mask covisible --mask-with a,,b"), 1);
+  assert_contains(shell.said, "with commas between them");
+}
+
 int main(void) {
   char here[500];
   if (!getcwd(here, sizeof here - 20)) return 1;
   strcat(here, "/tests/data");
   setenv("SV_DATA", here, 1);
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_theta), cmocka_unit_test(test_points),
-                                     cmocka_unit_test(test_refused), cmocka_unit_test(test_rig)};
+                                     cmocka_unit_test(test_refused), cmocka_unit_test(test_rig),
+                                     cmocka_unit_test(test_shared_mask)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

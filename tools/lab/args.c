@@ -122,6 +122,10 @@ static const sv_option table[] = {
      "eval: fail if the views have no ground-truth depth; render: also write 16-bit depth PNGs", 0, 0, 0},
     {"mask", SV_OPT_WORD, LAB_TRAIN | LAB_EVAL, 0, AT(mask), "covisible",
      "also score the pixels seen by training views alone; train: with --eval", 0, 0, 0},
+    {"mask-with", SV_OPT_TEXT, LAB_EVAL, 0, AT(mask_with), "FILE[,FILE...]",
+     "with --mask: training files of the other devices of a comparison; also score the pixels that the "
+     "training views of every device see, the same for each of them",
+     0, 0, 0},
     {"masks", SV_OPT_TEXT, LAB_TRAIN | LAB_EVAL, 0, AT(masks), "DIR",
      "masks of the images, by the images' names: black pixels are ignored (the file's mask_path); train "
      "--eval: held-out images use those that are there",
@@ -227,6 +231,7 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
     return lab_usage(c->name, "--keep, --baseline, --focal and --focus need --from lenslet");
   if (o->steps >= 0 && o->time_limit_s >= 0)
     return lab_usage(c->name, "--steps and --time-limit cannot be combined");
+  if (o->mask_with && !o->mask) return lab_usage(c->name, "--mask-with needs --mask");
   if (c->bit == LAB_INFO && (o->data != NULL) == (o->rig != NULL))
     return lab_usage(c->name, "--data or --rig is needed, and not both");
   if (c->bit == LAB_INFO && (o->rig != NULL) != (o->distance_m > 0))

@@ -32,7 +32,7 @@ enum {
 typedef struct {
   const char *data, *transforms, *model, *split, *out, *format, *up, *from, *input;
   const char *viewer, *crop; // export
-  const char *method, *motion, *camera, *prior, *init, *background, *loss, *mask, *masks, *noise, *antialias,
+  const char *method, *motion, *camera, *prior, *init, *background, *loss, *mask, *mask_with, *masks, *noise, *antialias,
       *optimizer;
   bool is_noise_on_prediction;
   const char *plan; // of tables, like the next two

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <stdio.h>
+#include <string.h>
 
 #include "src/base/str.h"
 #include "tools/train/evaluate.h"
@@ -15,6 +16,21 @@ typedef struct {
   lab_scores scores;
   double seconds;
 } run;
+
+// FILE[,FILE...]
+static sv_status list_others(const char *text, char (*names)[SV_TRANSFORMS_CAP_PATH], int *n, sv_err *err) {
+  for (const char *p = text; p; p++) {
+    const size_t len = strcspn(p, ",");
+    if (!len || len >= sizeof *names || *n == LAB_CAP_SHARED)
+      return sv_fail(err, SV_E_ARG, "--mask-with %.80s: expected 1 to %d names, with commas between them",
+                     text, LAB_CAP_SHARED);
+    memcpy(names[*n], p, len);
+    names[(*n)++][len] = 0;
+    p += len;
+    if (!*p) break;
+  }
+  return SV_OK;
+}
 
 static sv_status evaluate(run *r, sv_err *err) {
   sv_status s = lab_model_read(&r->model, r->o->model, err);
@@ -41,7 +57,19 @@ static sv_status evaluate(run *r, sv_err *err) {
                       .told_by = r->settings.told_by,
                       .n_exposures = r->settings.n_exposures,
                       .scale = r->settings.scale};
+  static lab_source others[LAB_CAP_SHARED];
+  static char names[LAB_CAP_SHARED][SV_TRANSFORMS_CAP_PATH];
+  int n_others = 0;
+  s = list_others(r->o->mask_with, names, &n_others, err);
+  if (s != SV_OK) return s;
+  for (int i = 0; i < n_others; i++) {
+    others[i] = train;
+    others[i].transforms = names[i];
+    others[i].told_by = NULL;
+  }
   lab_eval_job job = {.session = &r->session,
+                      .shared_with = others,
+                      .n_shared = n_others,
                       .g = &r->model.g,
                       .deform = r->model.deform.kind ? &r->model.deform : NULL,
                       .has_lpips = r->o->has_lpips,

@@ -45,13 +45,15 @@ typedef struct {
   uint8_t *truth_u8;                 // as loaded
   float *truth, *image;              // [3][h][w]
   float *depth, *depth_true, *plane; // [h][w]; plane: padded, of the renderer
-  uint8_t *mask, *seen;              // [h][w]; mask: of depth; seen: the co-visible pixels
+  uint8_t *mask;                     // [h][w] of depth
+  uint8_t *seen[LAB_N_MASKS];        // [h][w] the co-visible pixels
   uint8_t *counted;                  // [h][w] of the view's mask, NULL: no view has one
   bool is_masked;                    // this view has one
   double *ssim_scratch;
   sv_err err;
-  double psnr, ssim, lpips, mpsnr, mssim, mlpips;
-  size_t n_seen, n_counted; // pixels
+  double psnr, ssim, lpips;
+  lab_masked_scores masked[LAB_N_MASKS];
+  size_t n_seen[LAB_N_MASKS], n_counted; // pixels
   sv_depth_error depth_error;
 } slot;
 
@@ -60,8 +62,11 @@ typedef struct {
   const lab_eval_job *job;
   lab_viewer viewer;
   lab_loader *loaders;
-  sv_lpips *lpips;  // NULL: not wanted
-  lab_masks *masks; // the same
+  sv_lpips *lpips; // NULL: not wanted
+  // [0]: of the training views, then of other devices'; NULL: not wanted
+  lab_masks *masks[1 + LAB_CAP_SHARED];
+  int n_masks;        // forms of scores over masks
+  uint8_t *one_other; // [h][w] the mask of one other device
   slot *slots;
   int n_slots, i0; // slots hold the views by_lens[i0] and on
 } run;
@@ -78,25 +83,29 @@ static void slot_free(slot *s) {
   free(s->depth_true);
   free(s->plane);
   free(s->mask);
-  free(s->seen);
+  for (int k = 0; k < LAB_N_MASKS; k++) free(s->seen[k]);
   free(s->counted);
   free(s->ssim_scratch);
 }
 
-static bool slot_alloc(slot *s, const lab_views *v, bool has_depth, bool has_masks) {
+static size_t most_pixels(const lab_views *v) {
   size_t n = 0;
   for (int i = 0; i < v->n; i++) {
     size_t k = (size_t)v->frames[i].view.width_px * (size_t)v->frames[i].view.height_px;
     if (k > n) n = k;
   }
+  return n;
+}
+
+static bool slot_alloc(slot *s, const lab_views *v, bool has_depth, int n_masks) {
+  const size_t n = most_pixels(v);
   s->truth_u8 = malloc(4 * n);
   s->truth = malloc(3 * n * sizeof(float));
   s->image = malloc(3 * n * sizeof(float));
   s->ssim_scratch = malloc(sv_ssim_scratch_doubles(v->cap_width_px) * sizeof(double));
-  s->seen = has_masks ? malloc(n) : NULL;
   s->counted = v->n_masked ? malloc(n) : NULL;
-  bool is_good = s->truth_u8 && s->truth && s->image && s->ssim_scratch && (s->seen || !has_masks) &&
-                 (s->counted || !v->n_masked);
+  bool is_good = s->truth_u8 && s->truth && s->image && s->ssim_scratch && (s->counted || !v->n_masked);
+  for (int k = 0; k < n_masks; k++) is_good &= (s->seen[k] = malloc(n)) != NULL;
   if (!has_depth) return is_good;
   s->depth = malloc(n * sizeof(float));
   s->depth_true = malloc(n * sizeof(float));
@@ -194,9 +203,9 @@ static void compare_task(void *arg, int i_task, int i_thread) {
   s->psnr = s->is_masked ? sv_psnr_masked(&pair, s->counted) : sv_psnr(&pair);
   s->err.status = s->is_masked ? sv_ssim_counted(&pair, s->counted, s->ssim_scratch, &s->ssim)
                                : sv_ssim(&pair, SV_SSIM_SAME, s->ssim_scratch, &s->ssim);
-  if (s->err.status == SV_OK && r->masks) {
-    s->mpsnr = sv_psnr_masked(&pair, s->seen);
-    s->err.status = sv_ssim_masked(&pair, s->seen, s->ssim_scratch, &s->mssim);
+  for (int k = 0; k < r->n_masks && s->err.status == SV_OK; k++) {
+    s->masked[k].psnr = sv_psnr_masked(&pair, s->seen[k]);
+    s->err.status = sv_ssim_masked(&pair, s->seen[k], s->ssim_scratch, &s->masked[k].ssim);
   }
   if (s->err.status < 0)
     sv_fail(&s->err, s->err.status, "%s: SSIM cannot be computed (%dx%d)", f->path, w, h);
@@ -210,11 +219,18 @@ static sv_status mask_slot(run *r, slot *s, const lab_frame *f, sv_err *err) {
   size_t n = (size_t)f->view.width_px * (size_t)f->view.height_px;
   lab_masked_view view = {
       .frame = f, .picture = s->truth_u8, .depth = r->job->render.has_depth ? s->depth_true : NULL};
-  sv_status st = lab_masks_make(r->masks, &view, s->seen, err);
-  s->n_seen = 0;
-  for (size_t i = 0; st == SV_OK && i < n; i++) {
-    if (s->is_masked) s->seen[i] &= s->counted[i];
-    s->n_seen += s->seen[i];
+  sv_status st = lab_masks_make(r->masks[0], &view, s->seen[LAB_MASK_OWN], err);
+  if (r->n_masks > 1) memcpy(s->seen[LAB_MASK_SHARED], s->seen[LAB_MASK_OWN], n);
+  for (int k = 1; st == SV_OK && k <= r->job->n_shared; k++) {
+    st = lab_masks_make(r->masks[k], &view, r->one_other, err);
+    for (size_t i = 0; i < n; i++) s->seen[LAB_MASK_SHARED][i] &= r->one_other[i];
+  }
+  for (int k = 0; st == SV_OK && k < r->n_masks; k++) {
+    s->n_seen[k] = 0;
+    for (size_t i = 0; i < n; i++) {
+      if (s->is_masked) s->seen[k][i] &= s->counted[i];
+      s->n_seen[k] += s->seen[k][i];
+    }
   }
   return st;
 }
@@ -224,7 +240,8 @@ static sv_status lpips_slot(run *r, slot *s, const lab_frame *f, sv_err *err) {
   sv_image_pair pair = {s->image, s->truth, f->view.width_px, f->view.height_px, 3};
   sv_status st = s->is_masked ? sv_lpips_masked(r->lpips, &pair, s->counted, pool, &s->lpips, err)
                               : sv_lpips_compare(r->lpips, &pair, pool, &s->lpips, err);
-  if (st == SV_OK && r->masks) st = sv_lpips_masked(r->lpips, &pair, s->seen, pool, &s->mlpips, err);
+  for (int k = 0; k < r->n_masks && st == SV_OK; k++)
+    st = sv_lpips_masked(r->lpips, &pair, s->seen[k], pool, &s->masked[k].lpips, err);
   return st;
 }
 
@@ -234,7 +251,7 @@ static sv_status write_panel(const run *r, const slot *s, int i_view, sv_err *er
   lab_view_name(r->v, i_view, name, sizeof name);
   if (snprintf(path, sizeof path, "%s/%s.png", r->job->panel_folder, name) >= (int)sizeof path)
     return sv_fail(err, SV_E_RANGE, "%s: the path is too long", f->path);
-  size_t w = (size_t)f->view.width_px, h = (size_t)f->view.height_px, n = r->masks ? 3 : 2;
+  size_t w = (size_t)f->view.width_px, h = (size_t)f->view.height_px, n = r->n_masks ? 3 : 2;
   uint8_t *px = malloc(n * w * h * 3);
   if (!px) return sv_fail(err, SV_E_NOMEM, "%s: no memory for the image", path);
   for (size_t y = 0; y < h; y++)
@@ -244,8 +261,9 @@ static sv_status write_panel(const run *r, const slot *s, int i_view, sv_err *er
         uint8_t *to = &px[(y * n * w + x) * 3 + c];
         to[0] = lab_to_byte(truth);
         to[w * 3] = lab_to_byte(s->image[(c * h + y) * w + x]);
-        if (r->masks)
-          to[2 * w * 3] = lab_to_byte(s->seen[y * w + x] ? truth : 0.25f * truth + (c == 0 ? 0.3f : 0));
+        if (r->n_masks)
+          to[2 * w * 3] =
+              lab_to_byte(s->seen[LAB_MASK_OWN][y * w + x] ? truth : 0.25f * truth + (c == 0 ? 0.3f : 0));
       }
   sv_bitmap b = {.width_px = (int)(n * w), .height_px = (int)h, .n_channels = 3, .bits = 8, .u8 = px};
   sv_status st = sv_bitmap_write_png(path, &b, err);
@@ -275,12 +293,14 @@ static void add_scores(lab_scores *out, const slot *s, const lab_frame *f) {
   out->ssim += s->ssim;
   out->lpips += s->lpips;
   out->counted += (double)s->n_counted / ((double)f->view.width_px * f->view.height_px);
-  if (out->covisible_by && s->n_seen) {
-    out->mpsnr += s->mpsnr;
-    out->mssim += s->mssim;
-    out->mlpips += s->mlpips;
-    out->coverage += (double)s->n_seen / ((double)f->view.width_px * f->view.height_px);
-    out->n_masked++;
+  for (int k = 0; k < out->n_masks; k++) {
+    lab_masked_scores *m = &out->masked[k];
+    if (!s->n_seen[k]) continue;
+    m->psnr += s->masked[k].psnr;
+    m->ssim += s->masked[k].ssim;
+    m->lpips += s->masked[k].lpips;
+    m->coverage += (double)s->n_seen[k] / ((double)f->view.width_px * f->view.height_px);
+    m->n++;
   }
   if (s->depth_error.n > 0) {
     out->abs_rel += s->depth_error.abs_rel;
@@ -297,7 +317,7 @@ static sv_status batch(run *r, int n, lab_scores *out, sv_err *err) {
   double t1 = lab_seconds(se);
   for (int i = 0; s == SV_OK && i < n; i++) s = render_slot(r, &r->slots[i], frame_of(r, i), err);
   double t2 = lab_seconds(se);
-  for (int i = 0; s == SV_OK && r->masks && i < n; i++) s = mask_slot(r, &r->slots[i], frame_of(r, i), err);
+  for (int i = 0; s == SV_OK && r->n_masks && i < n; i++) s = mask_slot(r, &r->slots[i], frame_of(r, i), err);
   if (s != SV_OK) return s;
   sv_pool_run(&se->pool, compare_task, r, n);
   s = first_error(r, n, err);
@@ -335,18 +355,34 @@ static sv_status evaluate(run *r, lab_scores *out, sv_err *err) {
   out->psnr /= out->n;
   out->ssim /= out->n;
   out->lpips /= out->n;
-  out->coverage /= out->n;
   out->counted /= out->n;
-  if (out->n_masked) {
-    out->mpsnr /= out->n_masked;
-    out->mssim /= out->n_masked;
-    out->mlpips /= out->n_masked;
+  for (int k = 0; k < out->n_masks; k++) {
+    lab_masked_scores *m = &out->masked[k];
+    m->coverage /= out->n;
+    if (!m->n) continue;
+    m->psnr /= m->n;
+    m->ssim /= m->n;
+    m->lpips /= m->n;
   }
   if (out->n_depth) {
     out->abs_rel /= out->n_depth;
     out->rmse /= out->n_depth;
   }
   return SV_OK;
+}
+
+static sv_status open_masks(run *r, lab_scores *out, sv_err *err) {
+  const lab_eval_job *job = r->job;
+  sv_status s = SV_OK;
+  if (!job->mask_from) return SV_OK;
+  for (int k = 0; k <= job->n_shared && s == SV_OK; k++)
+    s = lab_masks_open(&r->masks[k], job->session, r->v, k ? &job->shared_with[k - 1] : job->mask_from,
+                       job->render.bg, err);
+  if (s != SV_OK) return s;
+  r->n_masks = out->n_masks = job->n_shared ? LAB_N_MASKS : 1;
+  out->covisible_by = lab_masks_method(r->masks[0]);
+  r->one_other = malloc(most_pixels(r->v));
+  return r->one_other ? SV_OK : sv_fail(err, SV_E_NOMEM, "no memory for a mask");
 }
 
 sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *out, sv_err *err) {
@@ -361,15 +397,14 @@ sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *
                                  err);
   if (s != SV_OK) return s;
   if (job->has_lpips) s = sv_lpips_open(&r.lpips, err);
-  if (s == SV_OK && job->mask_from) s = lab_masks_open(&r.masks, se, v, job->mask_from, job->render.bg, err);
+  if (s == SV_OK) s = open_masks(&r, out, err);
   out->has_lpips = job->has_lpips;
   out->n_with_mask = v->n_masked;
-  if (r.masks) out->covisible_by = lab_masks_method(r.masks);
   r.slots = calloc((size_t)r.n_slots, sizeof *r.slots);
   r.loaders = calloc((size_t)r.n_slots, sizeof *r.loaders);
   bool is_good = r.slots && r.loaders;
   for (int i = 0; is_good && i < r.n_slots; i++)
-    is_good = slot_alloc(&r.slots[i], v, job->render.has_depth, r.masks);
+    is_good = slot_alloc(&r.slots[i], v, job->render.has_depth, r.n_masks);
   if (s == SV_OK && is_good && job->panel_folder) s = sv_path_make_folder(job->panel_folder, err);
   if (s == SV_OK && !is_good) s = sv_fail(err, SV_E_NOMEM, "no memory to evaluate %d views", v->n);
   if (s == SV_OK) s = evaluate(&r, out, err);
@@ -378,7 +413,8 @@ sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *
   free(r.slots);
   free(r.loaders);
   sv_lpips_close(r.lpips);
-  lab_masks_close(r.masks);
+  for (int k = 0; k <= LAB_CAP_SHARED; k++) lab_masks_close(r.masks[k]);
+  free(r.one_other);
   lab_viewer_stop(&r.viewer);
   return s;
 }

@@ -36,16 +36,30 @@ typedef struct {
   void *of;
   bool has_lpips;
   const lab_source *mask_from; // NULL, or the training views: also scores what these have seen
+  // [n_shared] with mask_from: training views of other devices. Also scores what those of every
+  // device have seen, which are the same pixels for each of the devices.
+  const lab_source *shared_with;
+  int n_shared;
 } lab_eval_job;
+
+#define LAB_CAP_SHARED 16
+
+// Over the co-visible pixels: the authors' form, in which the support is a device's own training
+// views, and one mask for all devices of a comparison.
+enum { LAB_MASK_OWN, LAB_MASK_SHARED, LAB_N_MASKS };
+typedef struct {
+  double psnr, ssim, lpips; // means over the n views in which a pixel was seen
+  double coverage;          // mean share of the pixels that were seen, over all views
+  int n;
+} lab_masked_scores;
 
 typedef struct {
   double psnr, ssim;    // means over the views
   double abs_rel, rmse; // means over the n_depth views that have a pixel to compare
   int n, n_depth;
-  double lpips;                // mean over the views; with has_lpips
-  double mpsnr, mssim, mlpips; // means over the n_masked views in which a pixel was seen
-  double coverage;             // mean share of the pixels that were seen, over all views
-  int n_masked;
+  double lpips; // mean over the views; with has_lpips
+  lab_masked_scores masked[LAB_N_MASKS];
+  int n_masks;     // of those that were wanted
   int n_with_mask; // views with a mask of their own; scores are over the pixels that count
   double counted;  // mean share of those
   bool has_lpips;

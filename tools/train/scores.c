@@ -3,6 +3,20 @@
 
 #include "tools/train/evaluate.h"
 
+static const char *const own_keys[] = {"mask_coverage", "masked_views", "mpsnr", "mssim", "mlpips"},
+                         *const shared_keys[] = {"shared_coverage", "shared_views", "shared_psnr",
+                                                 "shared_ssim", "shared_lpips"};
+
+static void report_masked(lab_report *j, const lab_masked_scores *m, const char *const keys[5],
+                          bool has_lpips) {
+  lab_report_num(j, keys[0], m->coverage);
+  lab_report_int(j, keys[1], m->n);
+  if (!m->n) return;
+  lab_report_num(j, keys[2], m->psnr);
+  lab_report_num(j, keys[3], m->ssim);
+  if (has_lpips) lab_report_num(j, keys[4], m->lpips);
+}
+
 void lab_scores_report(lab_report *j, const lab_scores *s) {
   lab_report_num(j, "psnr", s->psnr);
   lab_report_num(j, "ssim", s->ssim);
@@ -17,14 +31,9 @@ void lab_scores_report(lab_report *j, const lab_scores *s) {
   }
   if (s->covisible_by) {
     lab_report_text(j, "covisible_by", s->covisible_by);
-    lab_report_num(j, "mask_coverage", s->coverage);
-    lab_report_int(j, "masked_views", s->n_masked);
+    report_masked(j, &s->masked[LAB_MASK_OWN], own_keys, s->has_lpips);
   }
-  if (s->n_masked) {
-    lab_report_num(j, "mpsnr", s->mpsnr);
-    lab_report_num(j, "mssim", s->mssim);
-    if (s->has_lpips) lab_report_num(j, "mlpips", s->mlpips);
-  }
+  if (s->n_masks > LAB_MASK_SHARED) report_masked(j, &s->masked[LAB_MASK_SHARED], shared_keys, s->has_lpips);
   lab_report_int(j, "views", s->n);
 }
 
@@ -34,9 +43,13 @@ void lab_scores_print(const lab_scores *s) {
   if (s->n_depth) printf(", depth AbsRel %.4f, RMSE %.4f", s->abs_rel, s->rmse);
   if (s->n_with_mask) printf(" over the %.1f %% of the pixels that masks leave", 100 * s->counted);
   if (!s->covisible_by) return;
-  printf("; %.1f %% of the pixels co-visible by %s", 100 * s->coverage, s->covisible_by);
-  if (s->n_masked) printf(": mPSNR %.2f dB, mSSIM %.4f", s->mpsnr, s->mssim);
-  if (s->n_masked && s->has_lpips) printf(", mLPIPS %.4f", s->mlpips);
+  for (int k = 0; k < s->n_masks; k++) {
+    const lab_masked_scores *m = &s->masked[k];
+    printf("; %.1f %% of the pixels co-visible %s%s", 100 * m->coverage,
+           k == LAB_MASK_OWN ? "by " : "for all devices", k == LAB_MASK_OWN ? s->covisible_by : "");
+    if (m->n) printf(": mPSNR %.2f dB, mSSIM %.4f", m->psnr, m->ssim);
+    if (m->n && s->has_lpips) printf(", mLPIPS %.4f", m->lpips);
+  }
 }
 
 void lab_time_scores_report(lab_report *j, const lab_scores *s) {
