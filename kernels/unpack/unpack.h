@@ -31,8 +31,8 @@ typedef struct {
   float *scratch;
 } sv_unpack_args;
 
-// Three planes of 16 bits -> float planes in [0, scale], reduced in the same way. Sums are integers:
-// there is only the reference.
+// Three planes of 16 bits -> float planes in [0, scale], reduced in the same way. Sums are
+// integers: there is only the reference.
 typedef struct {
   const uint16_t *src[3];  // [height_px][width_px]
   int width_px, height_px; // of the source

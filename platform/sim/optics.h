@@ -33,9 +33,10 @@ typedef struct {
   double auto_exposure; // factor of light from the first slot of a round to the last (log-linear).
                         // Default 1
   double light;         // of the scene: factor on the light of all cameras. Default 1
-  double flat;          // light of an evenly lit field in the scene's place; 0: the scene. Default 0
-  double bracket;       // factor of every second slot's shutter time. Default 1
-  double readout_ms;    // from the first line of a frame to the last; 0: all at once
+  // Light of an evenly lit field in the scene's place; 0: the scene. Default 0
+  double flat;
+  double bracket;    // factor of every second slot's shutter time. Default 1
+  double readout_ms; // from the first line of a frame to the last; 0: all at once
   sv_shutter_direction shutter;
   bool is_blurred;    // moves during shutter_us
   double aperture_mm; // diameter of the lens; 0: a pinhole

@@ -103,6 +103,11 @@ static const sv_option table[] = {
      "optimizer (gauss-newton; adam where lens images overlap, in moving scenes, and with --init sphere or "
      "cube)",
      0, 0, 0},
+    {"appearance", SV_OPT_WORD, LAB_TRAIN, 0, AT(appearance), "off|cameras|exposures",
+     "learn the color of cameras (each its own, and its falloff; \"sub_view\" of the frames) or of exposures "
+     "and "
+     "cameras; the model and --eval have those of the first (off)",
+     0, 0, 0},
     {"seed", SV_OPT_INT, LAB_TRAIN | LAB_BENCH | LAB_TABLES, 0, AT(seed), "N", "random seed (1)", 0,
      4294967295.0, 0},
     {"split", SV_OPT_TEXT, LAB_EVAL | LAB_RENDER | LAB_COMPARE, 0, AT(split), "S",

@@ -32,8 +32,8 @@ enum {
 typedef struct {
   const char *data, *transforms, *model, *split, *out, *format, *up, *from, *input;
   const char *viewer, *crop; // export
-  const char *method, *motion, *camera, *prior, *init, *background, *loss, *mask, *mask_with, *masks, *noise, *antialias,
-      *optimizer;
+  const char *method, *motion, *camera, *prior, *init, *background, *loss, *mask, *mask_with, *masks, *noise,
+      *antialias, *optimizer, *appearance;
   bool is_noise_on_prediction;
   const char *plan; // of tables, like the next two
   bool is_collected;

@@ -11,6 +11,7 @@
 #include "tools/dataset/measurement.h"
 #include "tools/common/report.h"
 #include "tools/import/find.h"
+#include "tools/train/appearance.h"
 #include "tools/train/evaluate.h"
 #include "tools/train/noise.h"
 #include "tools/train/plan.h"
@@ -227,6 +228,7 @@ static sv_status add_views(run *r, sv_err *err) {
                       .mask = r->plan.masks[i]};
     sv_status s = sv_train_add_view(&r->plan.trainer, &f->view, &im, err);
     if (s != SV_OK) return s;
+    lab_appearance_set(&r->views, i, &r->plan.trainer, r->plan.trainer.n_views - 1);
   }
   return SV_OK;
 }
@@ -298,6 +300,7 @@ static sv_status load(run *r, sv_err *err) {
     choose_antialiasing(r);
     choose_objective(r);
   }
+  if (s == SV_OK) s = lab_appearance_plan(&r->views, r->o->appearance, &r->cfg, err);
   if (s == SV_OK) s = choose_start(r, err);
   // depth maps give up to one for each
   r->extras.n_points = r->is_stereo ? r->cfg.n_gaussians : r->start.n_points;
