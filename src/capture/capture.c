@@ -10,8 +10,9 @@
 #include "src/capture/meter.h"
 #include "src/port/heartbeat.h"
 
-#define WAIT_NS (100 * SV_NS_PER_MS)
-#define REST_NS (2 * SV_NS_PER_MS) // in a piece, between two looks at the cameras
+#define WAIT_NS    (100 * SV_NS_PER_MS)
+#define MIN_POINTS 32                 // that say where the scene is
+#define REST_NS    (2 * SV_NS_PER_MS) // in a piece, between two looks at the cameras
 
 void sv_capture_side_init(sv_capture_side *c, const sv_capture_side_cfg *cfg) {
   memset(c, 0, sizeof *c);
@@ -84,6 +85,9 @@ static sv_status guide(sv_capture_side *c, int i, sv_err *err) {
     const sv_status s = sv_odometry_add(o, c->cfg.exposures, i);
     if (s < 0) return sv_fail(err, s, "odometry, exposure %d: %s", i, sv_status_text(s));
     if (o->tracker.is_placed[i]) pose = &o->tracker.pose[i];
+    const int n = sv_odometry_cloud(o, c->cloud, SV_CAPTURE_CAP_CLOUD);
+    const sv_bounds ball = sv_odometry_bounds(o);
+    if (n >= MIN_POINTS) sv_guidance_set_scene(&c->guidance, &ball, c->cloud, n);
   }
   const sv_guidance_shot shot = metered(c, i, pose);
   sv_guidance_keep(&c->guidance, &shot);

@@ -16,6 +16,8 @@
 #include "src/capture/odometry.h"
 #include "src/sync/capture_queue.h"
 
+#define SV_CAPTURE_CAP_CLOUD 512 // points that guidance weighs the regions by
+
 // What a run answers. self is its own.
 typedef struct {
   void *self;
@@ -55,13 +57,16 @@ typedef struct {
   bool is_running;          // cameras run
   bool has_worker;          // and the port's worker serves them
   _Atomic bool is_ending;   // the worker is to return
-  sv_ns machine_ns;         // up to which the cameras' virtual clock has followed the machine's
+  sv_ns machine_ns;         // the cameras' virtual clock has followed the machine's up to here
   uint64_t n_device_errors; // of all cameras
   uint64_t n_blurred;       // exposures that were not kept for that
   uint64_t n_not_due;       // came sooner than they are wanted
   sv_guidance guidance;     // of who holds the cameras
   sv_sharpness recent;      // of what was metered
   uint64_t n_bad_exposures; // complete, but a compressed image in it was damaged: not kept
+
+  // Points that odometry has found so far.
+  sv_point cloud[SV_CAPTURE_CAP_CLOUD];
 } sv_capture_side;
 
 // What cfg points to must outlive the capture side.

@@ -245,12 +245,12 @@ void sv_guidance_init(sv_guidance *g, const sv_guidance_cfg *cfg) {
   recompute(g);
 }
 
-void sv_guidance_set_scene(sv_guidance *g, const sv_bounds *ball, const float (*point)[3], int n_points) {
+void sv_guidance_set_scene(sv_guidance *g, const sv_bounds *ball, const sv_point *point, int n_points) {
   int n_in = 0, count[SV_GUIDANCE_REGIONS] = {0};
   if (ball) g->cfg.bounds = *ball;
   if (g->cfg.bounds.radius > 0) g->ball = g->cfg.bounds;
   for (int i = 0; point && g->ball.radius > 0 && i < n_points; i++) {
-    const int r = region_of(g, point[i]);
+    const int r = region_of(g, point[i].mean);
     if (r < 0) continue;
     count[r]++;
     n_in++;
@@ -315,7 +315,7 @@ double sv_guidance_quality(const sv_guidance_shot *shot) {
   double q = sv_mind(1, sv_maxd(0, shot->sharpness));
   if (q >= SV_GUIDANCE_SHARP) q = 1;
   if (shot->luma >= 0 && shot->luma < SV_GUIDANCE_DARK) q *= shot->luma / SV_GUIDANCE_DARK;
-  if (shot->clipped > SV_GUIDANCE_CLIPPED) q *= 1 - sv_mind(1, shot->clipped);
+  if (shot->clipped > SV_GUIDANCE_CLIPPED) q *= 0.5 * (1 - sv_mind(1, shot->clipped));
   return q;
 }
 

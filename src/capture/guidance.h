@@ -15,6 +15,7 @@
 #include "src/base/time.h"
 #include "src/rig/bounds.h"
 #include "src/rig/rig.h"
+#include "src/splat/gaussians.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -105,7 +106,7 @@ typedef struct {
 void sv_guidance_init(sv_guidance *g, const sv_guidance_cfg *cfg);
 // The scene, when it is found later: its ball (NULL: as it was) and points of it, as odometry or a
 // model has them. Coverage is computed again.
-void sv_guidance_set_scene(sv_guidance *g, const sv_bounds *ball, const float (*point)[3], int n_points);
+void sv_guidance_set_scene(sv_guidance *g, const sv_bounds *ball, const sv_point *point, int n_points);
 // Judges an exposure and sets hint, i_cell, i_target, gain and best_gain.
 void sv_guidance_look(sv_guidance *g, const sv_guidance_shot *shot);
 // The exposure is kept: it counts, and covers what it sees when its pose is known.

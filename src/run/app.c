@@ -385,6 +385,9 @@ static sv_status first_model(sv_app *app, const sv_bounds *b, bool is_measured, 
   if (s == SV_AGAIN) choose_blind(app, &start);
   // Their nearest neighbours: 7 us a Gaussian on x86-64, ten times as long on a slow board.
   sv_beat_for(app->port.heartbeats, SV_BEAT_MAIN, NEIGHBOURS_NS * t->g.n);
+  // Points of a surface; without depth maps and odometry there are none.
+  sv_guidance_set_scene(&app->capture.guidance, b, app->points,
+                        s == SV_OK || app->odometry.is_tracked ? start.n_points : 0);
   if (s >= 0) s = sv_driver_place(t, &start, err);
   if (s < 0 || !app->cfg.prior) return s;
   if ((s = sv_prior_measure(&app->prior, b, &app->scratch, &start.n_maps)) < 0)
@@ -416,7 +419,6 @@ static sv_status first_or_resumed(sv_app *app, sv_err *err) {
   bool has_bounds = app->cfg.has_bounds && !is_tracked; // bounds are of a world that was not found
   sv_bounds b = has_bounds ? app->cfg.bounds : bounds_of_views(app);
   if (is_tracked) b = sv_odometry_bounds(&app->odometry);
-  sv_guidance_set_scene(&app->capture.guidance, &b, NULL, 0);
   if (!app->cfg.is_resume) return first_model(app, &b, true, err);
   sv_status s = first_model(app, &b, false, err); // a checkpoint replaces it
   if (s >= 0) s = sv_app_resume(app, err);

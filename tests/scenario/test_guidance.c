@@ -192,8 +192,70 @@ TEST(test_a_better_model_than_in_a_row) {
   assert_true(guided >= in_a_row + 1);
 }
 
+TEST(test_points_weigh_regions) {
+  open_world(4);
+  const sv_guidance_cfg cfg = guidance_cfg();
+  sv_guidance_init(&g, &cfg);
+  sv_point points[90];
+  const float edge = 2 * cfg.bounds.radius / sqrtf(3) / SV_GUIDANCE_SIDE;
+  for (int i = 0; i < 90; i++) // in the middle, and outside of the ball
+    points[i] = (sv_point){.mean = {cfg.bounds.centre[0] + (i % 2 ? 0.3f * edge : 5 * cfg.bounds.radius),
+                                    cfg.bounds.centre[1], cfg.bounds.centre[2]}};
+  sv_guidance_set_scene(&g, NULL, points, 90);
+  double sum = 0;
+  for (int r = 0; r < SV_GUIDANCE_REGIONS; r++) sum += (double)g.region_weight[r];
+  assert_near(sum, 1, 1e-5);
+  assert_true(g.has_points && g.region_weight[SV_GUIDANCE_REGIONS / 2] > 0.7f);
+  const sv_pose p = pose_of(&(stand){0, 30, 4, {0}});
+  const sv_guidance_shot shot = shot_at(&p);
+  sv_guidance_keep(&g, &shot);
+  assert_true(sv_guidance_region(&g, SV_GUIDANCE_REGIONS / 2) > 0.01);
+  world_close(&w);
+}
+
+TEST(test_bad_images) {
+  open_world(4);
+  const sv_guidance_cfg cfg = guidance_cfg();
+  const sv_pose p = pose_of(&(stand){0, 30, 4, {0}}), far = pose_of(&(stand){0, 30, 40, {0}});
+  const struct {
+    sv_guidance_shot shot;
+    sv_hint hint;
+  } cases[] = {{{&p, 0.2, 0.4, 0}, SV_HINT_STILL},
+               {{&p, 1, 0.01, 0}, SV_HINT_DARK},
+               {{&p, 1, 0.7, 0.4}, SV_HINT_BRIGHT},
+               {{&far, 1, 0.4, 0}, SV_HINT_CLOSER},
+               {{NULL, 1, 0.4, 0}, SV_HINT_NONE}};
+  for (int i = 0; i < 5; i++) {
+    sv_guidance_init(&g, &cfg);
+    sv_guidance_look(&g, &cases[i].shot);
+    assert_int_equal(g.hint, cases[i].hint);
+    sv_guidance_keep(&g, &cases[i].shot);
+    assert_int_equal(g.n_good, i >= 3);
+  }
+  world_close(&w);
+}
+
+// In a hand: odometry places each exposure as it comes, and its points say where the scene is.
+TEST(test_unknown_poses) {
+  world_open_well(&w, "textured,rig=stereo,path=handheld,arc=120,poses=unknown,size=320x240,exposures=30", 8,
+                  ~0u, 2);
+  w.cfg.is_tracking = true;
+  w.cfg.train.n_gaussians = 500;
+  w.cfg.steps = 10;
+  world_run_well(&w);
+  const sv_guidance *found = &w.app.capture.guidance;
+  print_message("handheld: %d places, coverage %.2f\n", found->n_places, sv_guidance_coverage(found));
+  assert_true(w.app.odometry.is_tracked && found->has_points);
+  assert_in_range(found->n_places, 6, 8);
+  assert_true(sv_guidance_coverage(found) > 0.05 && sv_guidance_coverage(found) < 0.6);
+  assert_true(world_has_line(&w, "of the directions around the scene"));
+  world_close(&w);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_few_more_than_in_the_best_order),
-                                     cmocka_unit_test(test_a_better_model_than_in_a_row)};
+                                     cmocka_unit_test(test_a_better_model_than_in_a_row),
+                                     cmocka_unit_test(test_points_weigh_regions),
+                                     cmocka_unit_test(test_bad_images), cmocka_unit_test(test_unknown_poses)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
