@@ -278,12 +278,14 @@ bool browser_drag(browser *b, double x0, double y0, double x1, double y1, int n)
 
 bool browser_click(browser *b, const char *selector) {
   char script[700], place[64];
+  // Layout and scrolling settle late on a loaded machine, and after the window has another size
   snprintf(script, sizeof script,
-           "(async()=>{const e=document.querySelector('%s');e.scrollIntoView({block:'center',inline:"
-           "'center'});for(let i=0;i<3;i++)await new Promise(requestAnimationFrame);const "
-           "r=e.getBoundingClientRect(),x=r.x+r.width/2,y=r.y+r.height/2,"
-           "t=document.elementFromPoint(x,y);if(e.disabled||!t||!(e===t||e.contains(t)))"
-           "throw new Error('covered');return x+' '+y})()",
+           "(async()=>{for(let k=0;k<20;k++){const e=document.querySelector('%s');"
+           "if(e){e.scrollIntoView({block:'center',inline:'center'});"
+           "for(let i=0;i<3;i++)await new Promise(requestAnimationFrame);"
+           "const r=e.getBoundingClientRect(),x=r.x+r.width/2,y=r.y+r.height/2,"
+           "t=document.elementFromPoint(x,y);if(!e.disabled&&t&&(e===t||e.contains(t)))return x+' '+y}"
+           "await new Promise((f)=>setTimeout(f,50))}throw new Error('covered')})()",
            selector);
   if (!browser_eval(b, script, place, sizeof place)) return false;
   char *end;

@@ -271,11 +271,11 @@ static void test_pictures(int i) {
   must(&b, "tools.link && tools.link.includes('/?view=') && !tools.link.includes(page.token)", 5);
   must(&b, "[...document.querySelectorAll('[data-size]')].every((e)=>/[0-9] [KM]iB/.test(e.textContent))",
        15);
-  click("summary");
+  click("#details > summary");
   must(&b, "$('details').open && $('ledger').rows.length===3", 2);
   fits("details");
   check_axe("details");
-  click("summary");
+  click("#details > summary");
 }
 
 static void open_other(const char *link) {
