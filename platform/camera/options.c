@@ -91,7 +91,7 @@ static bool read_sync(const pair *p, sv_camera_options *o) {
 static bool read_words(const pair *p, sv_camera_options *o) {
   static const char *const clocks[] = {"camera", "monotonic", "boottime", "realtime"};
   static const char *const stamps[] = {"start", "middle", "end"}, *const lights[] = {"display", "linear"};
-  static const char *const switches[] = {"off", "on"};
+  static const char *const switches[] = {"off", "on"}, *const locks[] = {"off", "on", "shared"};
   int i;
   if (is_key(p, "clock"))
     return (i = choice(p, clocks, 4)) >= 0 && (o->clock = (sv_clock_id)i, o->has_clock = true);
@@ -99,7 +99,12 @@ static bool read_words(const pair *p, sv_camera_options *o) {
     return (i = choice(p, stamps, 3)) >= 0 && (o->stamp = (sv_stamp_source)i, o->has_stamp = true);
   if (is_key(p, "light"))
     return (i = choice(p, lights, 2)) >= 0 && (o->tone.is_linear = i, o->has_light = true);
-  if (is_key(p, "lock")) return (i = choice(p, switches, 2)) >= 0 && (o->is_unlocked = !i, true);
+  if (is_key(p, "lock")) {
+    if ((i = choice(p, locks, 3)) < 0) return false;
+    o->is_unlocked = i == 0;
+    o->is_shared = i == 2;
+    return true;
+  }
   if (is_key(p, "dmabuf")) return (i = choice(p, switches, 2)) >= 0 && (o->is_exported = i, true);
   return is_key(p, "sync") && read_sync(p, o);
 }
@@ -149,6 +154,11 @@ static sv_status complete_sync(const char *kind, sv_camera_options *o, sv_err *e
     return sv_fail(err, SV_E_ARG, "%s: sync= names %d servers, expected one; the others are clients", kind,
                    n_servers);
   return SV_OK;
+}
+
+bool sv_camera_is_light_shared(const sv_camera_options *o) {
+  const bool is_given = o->exposure_ns > 0 && o->gain >= 0 && o->white_k > 0;
+  return !o->is_unlocked && (o->is_shared || is_given || o->n_cameras == 1);
 }
 
 bool sv_camera_has_sync(const sv_camera_options *o) {

@@ -8,7 +8,8 @@
 //   exposure=US       fixed shutter time, microseconds
 //   gain=N            fixed gain, in the driver's units (V4L2) or as a factor (libcamera)
 //   wb=K              fixed color temperature, kelvin
-//   lock=on|off       lock exposure, gain and white balance while the cameras run (on)
+//   lock=on|shared|off    lock exposure, gain and white balance while they run (on: each camera at
+//                     its own values; shared: all at those of the first camera)
 //   settle=MS         time for the automatic controls to settle before the lock (500)
 //   stall=MS          restart a camera that delivers no frame for this long (1000)
 //   clock=camera|monotonic|boottime|realtime    clock of the timestamps (default: as the driver
@@ -55,10 +56,10 @@ typedef struct {
   char format[5];                                       // "": the best
   double fps;                                           // 0: the camera's default
   int n_buffers;
-  sv_ns exposure_ns; // 0: not given
-  double gain;       // negative: not given
-  int white_k;       // 0: not given
-  bool is_unlocked;
+  sv_ns exposure_ns;           // 0: not given
+  double gain;                 // negative: not given
+  int white_k;                 // 0: not given
+  bool is_unlocked, is_shared; // shared: all cameras get the values of the first
   sv_ns settle_ns, stall_ns;
   bool has_clock, has_stamp, has_light;
   sv_clock_id clock;
@@ -74,6 +75,9 @@ sv_camera_options sv_camera_defaults(void);
 // `kind` ("v4l2") is for sentences. E_ARG with one.
 sv_status sv_camera_parse(const char *kind, const char *spec, sv_camera_options *out,
                           sv_err *err) SV_MUST_USE;
+// Whether all cameras have the same exposure time, gain and white balance while they run: shared,
+// or all given.
+bool sv_camera_is_light_shared(const sv_camera_options *o);
 // Whether any camera takes part in rpi.sync.
 bool sv_camera_has_sync(const sv_camera_options *o);
 // The tone of a format under these options: Bayer samples are linear light by default.

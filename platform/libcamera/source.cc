@@ -40,17 +40,19 @@ static void set_sync(const sv_libcamera *s, const Cam *c, ControlList *list) {
 }
 
 // Fixes the given values, or those found by the automatic controls, and switches these off.
+// lock=shared: those of the first camera.
 static void set_fixed(const sv_libcamera *s, const Cam *c, ControlList *list) {
-  int32_t us = s->cfg.exposure_ns > 0 ? static_cast<int32_t>(s->cfg.exposure_ns / 1000) : c->exposure_us;
-  float gain = s->cfg.gain >= 0 ? static_cast<float>(s->cfg.gain) : c->gain;
+  const Cam *from = s->cfg.is_shared ? s->cams.front().get() : c;
+  int32_t us = s->cfg.exposure_ns > 0 ? static_cast<int32_t>(s->cfg.exposure_ns / 1000) : from->exposure_us;
+  float gain = s->cfg.gain >= 0 ? static_cast<float>(s->cfg.gain) : from->gain;
   if (us > 0 && has(c, controls::ExposureTime)) {
     list->set(controls::ExposureTime, us);
     if (has(c, controls::AeEnable)) list->set(controls::AeEnable, false);
   }
   if (gain > 0 && has(c, controls::AnalogueGain)) list->set(controls::AnalogueGain, gain);
-  if (c->has_white && has(c, controls::AwbEnable)) {
+  if (from->has_white && has(c, controls::AwbEnable)) {
     list->set(controls::AwbEnable, false);
-    list->set(controls::ColourGains, Span<const float, 2>(c->white));
+    list->set(controls::ColourGains, Span<const float, 2>(from->white));
   }
 }
 
@@ -415,6 +417,7 @@ static sv_status source_caps(void *self, int i, sv_camera_caps *out) {
   if (i < 0 || i >= static_cast<int>(s->cams.size())) return SV_E_ARG;
   *out = s->cams[static_cast<size_t>(i)]->caps;
   out->is_light_locked = !s->cfg.is_unlocked;
+  out->is_light_shared = sv_camera_is_light_shared(&s->cfg);
   out->is_exposure_told = !s->cfg.is_unlocked;
   return SV_OK;
 }

@@ -11,7 +11,7 @@ extern "C" {
 
 // frames from before a fault may still be on loan
 #define SV_V4L2_CAP_SLOTS    (2 * SV_CAMERA_CAP_BUFFERS)
-#define SV_V4L2_CAP_CONTROLS 12
+#define SV_V4L2_CAP_CONTROLS 16
 
 typedef enum {
   SV_V4L2_EMPTY = 0, // no memory
@@ -97,6 +97,8 @@ bool sv_v4l2_has_auto(const sv_v4l2_camera *c); // an automatic control is activ
 // Switches the automatic controls off and sets what the options fix. First: records the previous
 // values.
 void sv_v4l2_lock_controls(sv_v4l2_camera *c, sv_ns now_ns);
+// After both were locked: the exposure time, gain and white balance of `from`.
+void sv_v4l2_share_controls(sv_v4l2_camera *c, const sv_v4l2_camera *from, sv_ns now_ns);
 void sv_v4l2_restore_controls(sv_v4l2_camera *c);
 // The control that makes the camera wait for the trigger's pulses, where the trigger has one; it is
 // restored with the others. 0, or a negative error number: -ENOENT there is no such control.
@@ -109,6 +111,8 @@ sv_ns sv_v4l2_readout_ns(const sv_v4l2_camera *c);
 sv_status sv_v4l2_set_frame_duration(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns);
 // whether the options can be applied
 sv_status sv_v4l2_check_controls(const sv_v4l2_camera *c, sv_err *err);
+// Whether a camera can take the values of another one.
+sv_status sv_v4l2_check_shared(const sv_v4l2_camera *c, const sv_v4l2_camera *from, sv_err *err);
 
 // A format's description for one node, of one API or the other.
 typedef struct {

@@ -111,8 +111,43 @@ void sv_v4l2_lock_controls(sv_v4l2_camera *c, sv_ns now_ns) {
   if (gain) hold_value(c, gain, o->gain >= 0, clamped(c, gain, o->gain), now_ns);
   hold_value(c, V4L2_CID_WHITE_BALANCE_TEMPERATURE, o->white_k > 0,
              clamped(c, V4L2_CID_WHITE_BALANCE_TEMPERATURE, o->white_k), now_ns);
+  for (int i = 0; i < c->n_controls; i++) // lock=shared has set them
+    if (c->control[i].id == V4L2_CID_RED_BALANCE || c->control[i].id == V4L2_CID_BLUE_BALANCE)
+      hold(c, c->control[i].id, c->control[i].locked, now_ns);
   c->exposure_ns = get(c, V4L2_CID_EXPOSURE_ABSOLUTE, &v) && v > 0 ? v * EXPOSURE_UNIT_NS : 0;
   c->is_locked = true;
+}
+
+// What decides how bright and in which colors a camera shows light; gains besides.
+static const uint32_t lights[] = {V4L2_CID_EXPOSURE_ABSOLUTE, V4L2_CID_EXPOSURE,
+                                  V4L2_CID_WHITE_BALANCE_TEMPERATURE, V4L2_CID_RED_BALANCE,
+                                  V4L2_CID_BLUE_BALANCE};
+
+void sv_v4l2_share_controls(sv_v4l2_camera *c, const sv_v4l2_camera *from, sv_ns now_ns) {
+  int32_t v;
+  for (size_t i = 0; i < sizeof lights / sizeof *lights; i++)
+    if (get(from, lights[i], &v)) hold(c, lights[i], v, now_ns);
+  if (gain_id(from) && get(from, gain_id(from), &v)) hold(c, gain_id(c), v, now_ns);
+  c->exposure_ns = get(c, V4L2_CID_EXPOSURE_ABSOLUTE, &v) && v > 0 ? v * EXPOSURE_UNIT_NS : 0;
+}
+
+sv_status sv_v4l2_check_shared(const sv_v4l2_camera *c, const sv_v4l2_camera *from, sv_err *err) {
+  struct v4l2_queryctrl a, b;
+  for (size_t i = 0; i < sizeof lights / sizeof *lights; i++)
+    if (has(from, lights[i], &a) && !has(c, lights[i], &b))
+      return sv_fail(
+          err, SV_E_UNSUPPORTED,
+          "%s has no control \"%s\", which lock=shared would set to the value of %s; expected cameras "
+          "of one kind, or lock=on",
+          c->path, (const char *)a.name, from->path);
+  if (!gain_id(from)) return SV_OK;
+  const bool has_gain = has(from, gain_id(from), &a) && gain_id(c) && has(c, gain_id(c), &b);
+  if (!has_gain || a.minimum != b.minimum || a.maximum != b.maximum)
+    return sv_fail(err, SV_E_UNSUPPORTED,
+                   "%s counts its gain in other units than %s, so that lock=shared cannot set it; expected "
+                   "cameras of one kind, or lock=on",
+                   c->path, from->path);
+  return SV_OK;
 }
 
 void sv_v4l2_restore_controls(sv_v4l2_camera *c) {

@@ -37,6 +37,7 @@ sv_status sv_v4l2_init(sv_v4l2 *v, const sv_camera_options *cfg, const sv_v4l2_s
     sv_copy(c->caps.name, sizeof c->caps.name, slash ? slash + 1 : c->path);
     v->n_cameras = i + 1;
     sv_status s = sv_v4l2_open_device(c, err);
+    if (s >= 0 && i > 0 && cfg->is_shared) s = sv_v4l2_check_shared(c, &v->cameras[0], err);
     if (s < 0) {
       sv_v4l2_close(v);
       return s;
@@ -184,6 +185,13 @@ static void settle(sv_v4l2 *v) {
     if (v->cameras[i].fd >= 0) sv_v4l2_lock_controls(&v->cameras[i], now(v));
     v->cameras[i].stats.n_frames = v->cameras[i].stats.n_errors = 0;
   }
+  const sv_v4l2_camera *first = NULL; // that is there
+  for (int i = 0; i < v->n_cameras && v->cfg.is_shared; i++) {
+    sv_v4l2_camera *c = &v->cameras[i];
+    if (c->fd < 0) continue;
+    if (first) sv_v4l2_share_controls(c, first, now(v));
+    else first = c;
+  }
 }
 
 static sv_status source_start(void *self) {
@@ -256,6 +264,7 @@ static sv_status source_caps(void *self, int i, sv_camera_caps *out) {
   if (i < 0 || i >= v->n_cameras) return SV_E_ARG;
   *out = v->cameras[i].caps;
   out->is_light_locked = !v->cfg.is_unlocked;
+  out->is_light_shared = sv_camera_is_light_shared(&v->cfg);
   out->is_exposure_told = !v->cfg.is_unlocked;
   out->readout_ns = sv_v4l2_readout_ns(&v->cameras[i]);
   return SV_OK;

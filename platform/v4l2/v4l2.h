@@ -3,7 +3,8 @@
 // copy, no heap); they stay readable until requeue, also when their camera is unplugged meanwhile.
 // A camera that fails (POLLERR, ENODEV, EIO, silence) is closed and opened again by itself, every
 // 50 ms or frame, while the others run on; what happened is told by the source's events. Exposure,
-// gain and white balance are locked at start and restored at close.
+// gain and white balance are locked at start (lock=shared: all cameras at the values of the first)
+// and restored at close.
 #ifndef SV_PLATFORM_V4L2_V4L2_H
 #define SV_PLATFORM_V4L2_V4L2_H
 

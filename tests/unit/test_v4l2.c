@@ -230,6 +230,39 @@ TEST(controls_hold_still_and_are_given_back) {
   assert_memory_equal(d->control, before, sizeof before);
 }
 
+// lock=shared: one camera measures, all get its values, also after a fault.
+TEST(light_is_shared) {
+  static const int32_t first[3] = {300, 20, 3500}, second[3] = {90, 200, 6000};
+  static const int at[3] = {1, 2, 4};
+  int32_t before[FAKE_V4L2_N_CONTROLS];
+  for (int i = 0; i < 3; i++) {
+    fake.device[0].control[at[i]] = first[i];
+    fake.device[1].control[at[i]] = second[i];
+  }
+  memcpy(before, fake.device[1].control, sizeof before);
+  must_open("/dev/video0,/dev/video1,settle=100,lock=shared");
+  assert_true(caps(0)->is_light_shared && caps(1)->is_light_locked);
+  assert_int_equal(src.start(src.self), SV_OK);
+  for (int i = 0; i < 3; i++) assert_int_equal(fake.device[1].control[at[i]], first[i]);
+  assert_int_equal(fake.device[1].control[0], V4L2_EXPOSURE_MANUAL);
+  fake_v4l2_unplug(&fake, 1);
+  run_for(200 * SV_NS_PER_MS);
+  fake_v4l2_plug(&fake, 1);
+  run_for(200 * SV_NS_PER_MS);
+  for (int i = 0; i < 3; i++) assert_int_equal(fake.device[1].control[at[i]], first[i]);
+  close_all();
+  assert_memory_equal(fake.device[1].control, before, sizeof before);
+  must_open("/dev/video0,/dev/video1,settle=0");
+  assert_false(caps(0)->is_light_shared); // each has its own values
+  close_all();
+  must_open("/dev/video0,/dev/video1,settle=0,exposure=8000,gain=20,wb=5000");
+  assert_true(caps(0)->is_light_shared);
+  close_all();
+  fake.device[1].has_controls = false;
+  assert_int_equal(open_spec("/dev/video0,/dev/video1,lock=shared"), SV_E_UNSUPPORTED);
+  assert_contains(err.text, "which lock=shared would set");
+}
+
 TEST(unlocked_controls_are_left_alone) {
   int32_t before[FAKE_V4L2_N_CONTROLS];
   memcpy(before, fake.device[0].control, sizeof before);
@@ -479,6 +512,7 @@ int main(void) {
       T(buffers_are_exported),
       T(pulses_come_while_all_cameras_stream),
       T(controls_hold_still_and_are_given_back),
+      T(light_is_shared),
       T(unlocked_controls_are_left_alone),
       T(an_unplugged_camera_comes_back),
       T(a_broken_queue_is_opened_again),
