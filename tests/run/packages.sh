@@ -44,7 +44,8 @@ verdict $? "packed twice, the same bytes"
 field() { dpkg-deb -f "$o"/packages/"$1"_*.deb "$2"; }
 # Names alone, without versions and the suffix of Debian 13's 64-bit times.
 names() { field subview "$1" | sed 's/([^)]*)//g; s/t64//g; s/[ ,]\{1,\}/ /g; s/ $//'; }
-[ "$(names Depends)" = "adduser init-system-helpers libc6 libjpeg62-turbo libmicrohttpd12 libpng16-16 libseccomp2 zlib1g" ]
+[ "$(names Depends)" = "adduser init-system-helpers libc6 libgnutls30 libjpeg62-turbo libmicrohttpd12 \
+libpng16-16 libseccomp2 zlib1g" ]
 verdict $? "subview depends on: $(names Depends)"
 names Recommends | grep -q 'libcamera[0-9]'
 verdict $? "subview recommends: $(names Recommends)"
