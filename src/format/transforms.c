@@ -260,6 +260,9 @@ sv_status sv_transforms_open(sv_transforms *t, const sv_file_data *file, jsmntok
   camera c = {0};
   s = read_camera(j, 0, &c, err);
   if (s == SV_OK) s = get_path(j, 0, "ply_file_path", t->ply_file_path, err);
+  char unit[16] = "";
+  if (s >= 0) s = sv_json_get_string(j, 0, "world_unit", unit, sizeof unit, err);
+  t->is_metric = strcmp(unit, "m") == 0;
   return s < 0 ? s : SV_OK;
 }
 

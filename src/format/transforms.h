@@ -56,6 +56,7 @@ typedef struct {
   sv_json json;
   int n_frames;
   char ply_file_path[SV_TRANSFORMS_CAP_PATH]; // the initial points; empty when absent
+  bool is_metric;                             // our "world_unit": "m": poses are in meters
 } sv_transforms;
 
 // Checks the file and its top level. sv_json_count tells how many tokens it takes; the file and

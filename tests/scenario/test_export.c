@@ -55,9 +55,16 @@ TEST(test_upright) {
   lab_shell_need(&shell);
   read_model(&model, "m/model.ply");
   assert_string_equal(model.up, "z");
+  assert_true(model.is_metric); // as the simulator's dataset says
   export("--format ply --for supersplat --out down.ply");
   read_model(&other, "down.ply");
   assert_string_equal(other.up, "-y");
+  assert_true(other.is_metric);
+  lab_shell_run_well(&shell, "@ import --from nerfstudio ds --out again --quiet && "
+                             "grep -q '\"world_unit\": \"m\"' again/transforms.json && "
+                             "sed -i 's/\"world_unit\": \"m\",//' again/transforms.json && "
+                             "@ train --data again --gaussians 50 --steps 2 --out bare --quiet && "
+                             "! grep -a SplatUnit bare/model.ply");
   for (int i = 0; i < N; i++) {
     sv_gaussian a, b;
     sv_gaussians_get(&model.g, i, &a);
@@ -178,7 +185,7 @@ TEST(test_measure) {
   }
   assert_true(there[0] > 0.05 && there[0] < 3 && there[0] == there[1]);
   lab_shell_run_well(&shell, MEASURE "--from 28.5,24.5 --to 28.5,24.5");
-  assert_contains(shell.said, "0 +- ");
+  assert_contains(shell.said, "0 m +- ");
   assert_int_equal(lab_shell_run(&shell, MEASURE "--from 28,24 --to 64,3"), 1);
   assert_contains(shell.said, "--to 64,3: expected X,Y in the view's 64x48 pixels");
   assert_int_equal(lab_shell_run(&shell, MEASURE "--from 1,1 --to 28,24"), 1);

@@ -127,6 +127,7 @@ sv_status lab_import_capture(lab_import *im, const char *dir, sv_err *err) {
     s = load(src, dir, err);
   }
   if (s == SV_OK) s = add_exposures(im, dir, src, err);
+  im->is_metric = s == SV_OK && src->rig.n_sub_views > 1;
   free(block);
   free(src);
   return s;

@@ -59,6 +59,7 @@ static sv_status add_file(lab_import *im, const char *dir, const char *name, con
   s = lab_views_open(&v, &src, &serial, err);
   if (s == SV_OK) s = add_views(im, &v, mark, err);
   if (s == SV_OK) s = add_points(im, v.points, err);
+  if (s == SV_OK) im->is_metric = v.is_metric;
   lab_views_free(&v);
   *is_found = true;
   return s;

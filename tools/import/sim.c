@@ -109,10 +109,10 @@ static sv_status open_transforms(job *j, const char *name, bool has_measurements
   j->n_files++;
   (void)remove(path);
   j->n_written = 0;
-  fprintf(
-      j->f,
-      "{\"camera_model\": \"OPENCV\", \"depth_unit_scale_factor\": %.17g, \"ray_distance_unit\": %.17g,\n",
-      depth_unit(j), depth_unit(j));
+  fprintf(j->f,
+          "{\"camera_model\": \"OPENCV\", \"world_unit\": \"m\", \"depth_unit_scale_factor\": %.17g, "
+          "\"ray_distance_unit\": %.17g,\n",
+          depth_unit(j), depth_unit(j));
   if (has_measurements) put_measurements(j);
   fprintf(j->f, " \"frames\": [\n");
   return SV_OK;
