@@ -142,7 +142,10 @@ function draw_marks() {
   const line = (p, q) => p && q && (g.beginPath(), g.moveTo(p.x, p.y), g.lineTo(q.x, q.y), g.stroke());
   for (let i = 0; i < corners.length; i++) for (let k = 1; k < 8; k *= 2) if (!(i & k)) line(corners[i], corners[i | k]);
   for (const p of picks) if (p) g.beginPath(), g.arc(p.x, p.y, 5, 0, 7), g.stroke();
-  if (picks.length === 2 && picks[0] && picks[1]) line(...picks), g.fillText(tools.said, (picks[0].x + picks[1].x) / 2 + 8, (picks[0].y + picks[1].y) / 2 - 8);
+  if (picks.length < 2 || !picks[0] || !picks[1]) return;
+  line(...picks);
+  const x = (picks[0].x + picks[1].x) / 2 + 8, y = (picks[0].y + picks[1].y) / 2 - 10, w = g.measureText(tools.said).width;
+  (g.fillStyle = "#0e151ce6"), g.fillRect(x - 6, y - 16, w + 12, 22), (g.fillStyle = "#5ccfe6"), g.fillText(tools.said, x, y);
 }
 
 // --- before and after: the left half of the picture over the right one ---
