@@ -475,6 +475,7 @@ void sv_exposures_deep(const sv_exposures *e, int i, int i_sub, sv_image_deep *o
                          .height_px = s->pinhole.height_px,
                          .exposure = e->shutter[e->place[i] * e->cfg.n_cameras + v->i_camera],
                          .white = e->white,
+                         .photometric = v->photometric.is_known ? &v->photometric : NULL,
                          .read = (float)sv_maxd(is_known ? v->noise.read : USUAL_READ, MIN_READ),
                          .shot = (float)(is_known ? v->noise.shot : USUAL_SHOT)};
 }

@@ -8,6 +8,7 @@
 
 #include "kernels/kernels.h"
 #include "src/port/port.h"
+#include "src/rig/photometry.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -20,6 +21,9 @@ typedef struct {
   float exposure;   // shutter time over that of the first exposure
   float white;      // share of the sensor's range that is white, 1: light below counts from 0 to 1
   float read, shot; // variance of a value x of the sensor's range = read + shot x; read > 0
+  // What its camera makes of the light that the reference camera would show; NULL: the same. Not
+  // used where that is learned.
+  const sv_photometry *photometric;
 } sv_image_deep;
 
 // Floats of scratch that a thread needs for a width.

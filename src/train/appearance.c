@@ -182,11 +182,20 @@ static double exposure_of_view(const sv_trainer *t, int i_view) {
   return t->views[i_view].deep.px ? (double)t->views[i_view].deep.exposure : 1;
 }
 
+// Of a deep view whose appearance is not learned.
+static const sv_photometry *photometric_of(const sv_trainer *t, int i_view) {
+  const sv_image_deep *deep = &t->views[i_view].deep;
+  return deep->px && !sv_train_has_appearance(t, i_view) ? deep->photometric : NULL;
+}
+
 // bwd NULL: shows x; else takes it, dL/d(what the camera shows), to dL/dx.
 static void run(sv_trainer *t, int i_view, const sv_view *v, const sv_planes *x, sv_planes *bwd,
                 const sv_planes *target) {
+  const sv_photometry *calibrated = photometric_of(t, i_view);
   double p[SV_APPEARANCE_SUMS] = {[0] = 1, [4] = 1, [8] = 1};
   if (sv_train_has_appearance(t, i_view)) sv_train_appearance_of(t, i_view, p);
+  else if (calibrated) memcpy(p, calibrated->color, sizeof calibrated->color);
+  if (calibrated) memcpy(p + N_COLOR, calibrated->falloff, sizeof calibrated->falloff);
   for (int i = 0; i < N_COLOR; i++) p[i] *= exposure_of_view(t, i_view);
   const sv_image_deep *deep = &t->views[i_view].deep;
   const float far_x = sv_maxf(v->cx, (float)v->width_px - v->cx),
@@ -203,6 +212,7 @@ static void run(sv_trainer *t, int i_view, const sv_view *v, const sv_planes *x,
            .deep = deep->px ? deep : NULL,
            .saturated = deep->px ? sv_deep_saturated(deep) : SATURATED,
            .cy = v->cy};
+  if (calibrated) j.args.inv_r2 = 1 / ((float)(calibrated->corner * calibrated->corner) * v->fx * v->fx);
   for (int i = 0; i < 9; i++) j.args.m[i] = (float)p[i];
   for (int i = 0; i < 3; i++) j.args.b[i] = (float)p[9 + i];
   for (int i = 0; i < 3; i++) j.args.k[i] = (float)p[N_COLOR + i];

@@ -163,7 +163,14 @@ TEST(test_deep) {
       .px = px, .width_px = W, .height_px = H, .exposure = 0.4f, .white = 0.5f, .read = 2e-5f, .shot = 4e-4f};
   const float black[3] = {0};
   for (int i = 0; i < 3 * N_PX; i++) px[i] = (uint16_t)(i * 7 % 30000);
-  for (int learned = 0; learned < 2; learned++) {
+  const sv_photometry calibrated = {.is_known = true,
+                                    .color = {0.8, 0.05, 0, 0, 1.1, 0.1, 0.02, 0, 0.9},
+                                    .falloff = {-0.3, -0.1, 0},
+                                    .corner = 0.7};
+  // neither, learned, calibrated
+  for (int way = 0; way < 3; way++) {
+    const bool learned = way == 1;
+    deep.photometric = way == 2 ? &calibrated : NULL;
     double sum[SV_APPEARANCE_SUMS];
     sv_planes probe;
     open_trainer(4, 2, 16);
@@ -186,6 +193,13 @@ TEST(test_deep) {
       const double down = value(3);
       x.c[c][p] = was;
       assert_near((double)t.grad.c[c][p], (up - down) / (2 * SPREAD), 0.01);
+    }
+    if (way == 2) { // far from the center there is less light
+      for (int c = 0; c < 3; c++)
+        for (int p = 0; p < H * x.stride; p++) x.c[c][p] = 0.5f;
+      const sv_planes *shown = sv_train_appear(&t, 3, &t.views[3].view, &x);
+      assert_true(shown->c[1][0] < 0.9f * shown->c[1][H / 2 * shown->stride + W / 2]);
+      gradient(sum);
     }
     probe = t.target;
     for (int c = 0; c < 3; c++) memcpy(probe.c[c], weights.c[c], (size_t)weights.stride * H * sizeof(float));
