@@ -15,6 +15,9 @@
 #define DARK        16 // of 255; below, noise and black level count more than gains
 #define BRIGHT      245
 #define RIDGE       1e-3 // of the mean of the diagonal
+// Of exposures: more would pull all of them towards the first one's brightness, as few views of
+// many are its.
+#define EXPOSURE_RIDGE 1e-7
 // What lenses leave of the light towards the corners. Where views hardly overlap, or what they see
 // is badly placed, the falloff that fits best is none of a lens: then it is not estimated.
 #define LEAST_LIGHT 0.15
@@ -189,7 +192,8 @@ static bool solve_channel(problem *p, int channel) {
     for (int i = 0; i < p->n_points; i++) add_point(p, p->seen + i * p->n_views, channel);
     for (int i = 0; i < p->n; i++) mean += p->a[i * p->n + i] / p->n;
     if (!(mean > 0)) return false;
-    for (int i = 0; i < p->n; i++) p->a[i * p->n + i] += RIDGE * mean;
+    for (int i = 0; i < p->n; i++)
+      p->a[i * p->n + i] += (i < 3 * p->n_cameras ? RIDGE : EXPOSURE_RIDGE) * mean;
     for (int i = p->n_cameras; i < 3 * p->n_cameras && !p->has_falloff; i++) p->a[i * p->n + i] += 1e6 * mean;
     p->a[0] += 1e6 * mean; // camera 0 and exposure 0 are what the others are compared with
     if (p->n_exposures > 0) p->a[3 * p->n_cameras * (p->n + 1)] += 1e6 * mean;
