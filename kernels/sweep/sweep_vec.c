@@ -72,30 +72,37 @@ static inline sums sum_row(const float *p, const float *q) {
   return s;
 }
 
-// The correlations of a band's column of sixteen with one source, rows 16 floats apart.
-static inline void correlate(const sv_sweep_match_args *a, int k, int x, float *out) {
+#define N_RING (2 * SV_SWEEP_RADIUS + 1)
+
+typedef struct {
+  float px[SV_SWEEP_BAND][16];
+} column;
+
+// Source k in a band's column of sixteen, into the two best sources' correlations.
+static inline void correlate(const sv_sweep_match_args *a, int k, int x, column *first, column *second) {
   const int stride = a->stride;
   const float *p = a->warped[k] + x - SV_SWEEP_RADIUS, *q = a->ref + x - SV_SWEEP_RADIUS;
-  float rows[3][SV_SWEEP_ROWS][16];
+  float ring[3][N_RING][16]; // sums of the last rows
   for (int r = 0; r < SV_SWEEP_ROWS; r++) {
-    const sums s = sum_row(p + r * stride, q + r * stride);
-    v16_store(rows[0][r], s.p);
-    v16_store(rows[1][r], s.pp);
-    v16_store(rows[2][r], s.pq);
-  }
-  for (int i = 0; i < SV_SWEEP_BAND; i++) {
-    const int at = i * stride + x;
+    const sums row = sum_row(p + r * stride, q + r * stride);
+    v16_store(ring[0][r % N_RING], row.p);
+    v16_store(ring[1][r % N_RING], row.pp);
+    v16_store(ring[2][r % N_RING], row.pq);
+    const int i = r - 2 * SV_SWEEP_RADIUS, at = i * stride + x;
+    if (i < 0) continue;
     v16 s[3];
     for (int m = 0; m < 3; m++) {
-      s[m] = v16_load(rows[m][i]);
-      for (int r = 1; r <= 2 * SV_SWEEP_RADIUS; r++) s[m] = v16_add(s[m], v16_load(rows[m][i + r]));
+      s[m] = v16_load(ring[m][i % N_RING]);
+      for (int d = 1; d < N_RING; d++) s[m] = v16_add(s[m], v16_load(ring[m][(i + d) % N_RING]));
     }
     const v16 dev = v16_sub(s[1], v16_mul(v16_mul(s[0], s[0]), v16_set1(1 / SV_SWEEP_WINDOW)));
     const v16 cov = v16_sub(s[2], v16_mul(s[0], v16_load(a->mean + at)));
-    const v16 c = v16_div(v16_mul(v16_mul(cov, v16_abs(cov)), v16_load(a->norm + at)),
-                          v16_max(dev, v16_set1(0.5f * SV_SWEEP_MIN_DEV)));
-    v16_store(out + 16 * i,
-              v16_sel(v16_gt(v16_load(a->is_in[k] + at), v16_zero()), c, v16_set1(SV_SWEEP_NOT_SEEN)));
+    v16 c = v16_div(v16_mul(v16_mul(cov, v16_abs(cov)), v16_load(a->norm + at)),
+                    v16_max(dev, v16_set1(0.5f * SV_SWEEP_MIN_DEV)));
+    c = v16_sel(v16_gt(v16_load(a->is_in[k] + at), v16_zero()), c, v16_set1(SV_SWEEP_NOT_SEEN));
+    const v16 best = v16_load(first->px[i]);
+    v16_store(second->px[i], v16_max(v16_load(second->px[i]), v16_min(c, best)));
+    v16_store(first->px[i], v16_max(best, c));
   }
 }
 
@@ -115,16 +122,13 @@ static inline void keep_best(const sv_sweep_match_args *a, int at, v16 first, v1
 
 void V(sv_sweep_match)(const sv_sweep_match_args *a) {
   for (int x = a->x0; x < a->x1; x += 16) {
-    float c[SV_SWEEP_CAP_SOURCES][16 * SV_SWEEP_BAND];
-    for (int k = 0; k < a->n_sources; k++) correlate(a, k, x, c[k]);
+    column first, second;
     for (int i = 0; i < SV_SWEEP_BAND; i++) {
-      v16 first = v16_set1(SV_SWEEP_NOT_SEEN), second = first;
-      for (int k = 0; k < a->n_sources; k++) {
-        const v16 v = v16_load(c[k] + 16 * i);
-        second = v16_max(second, v16_min(v, first));
-        first = v16_max(first, v);
-      }
-      keep_best(a, i * a->stride + x, first, second);
+      v16_store(first.px[i], v16_set1(SV_SWEEP_NOT_SEEN));
+      v16_store(second.px[i], v16_set1(SV_SWEEP_NOT_SEEN));
     }
+    for (int k = 0; k < a->n_sources; k++) correlate(a, k, x, &first, &second);
+    for (int i = 0; i < SV_SWEEP_BAND; i++)
+      keep_best(a, i * a->stride + x, v16_load(first.px[i]), v16_load(second.px[i]));
   }
 }

@@ -7,24 +7,43 @@
 #include "src/train/measurement.h"
 #include "src/train/step.h"
 
+#define MIN_ALPHA 0.5f // of a depth
+
 // The images of one sensor's lenses, and what a region of it still lacks.
 typedef struct {
   sv_trainer *t;
   const sv_train_measurement *of;
   sv_train_view *views; // [n_lenses] out
   uint8_t *const *px;   // [n_lenses] their images
+  float *const *depth;  // [n_lenses]
   sv_region region;
 } sensor;
 
-static size_t lens_bytes(const sv_train_cfg *cfg) { return 3 * cfg->cap_lens_px; }
+typedef struct {
+  sv_trainer *trainer;
+  sv_train_view *views;
+  uint8_t **px;
+  float **depth;
+} space;
+
+static space carve(const sv_train_cfg *cfg, sv_arena *a) {
+  const int n = cfg->cap_lenses;
+  space s = {SV_TAKE(a, sv_trainer, 1), SV_TAKE(a, sv_train_view, n), SV_TAKE(a, uint8_t *, n),
+             SV_TAKE(a, float *, n)};
+  for (int i = 0; i < n; i++) {
+    uint8_t *px = SV_TAKE(a, uint8_t, 3 * cfg->cap_lens_px);
+    float *depth = SV_TAKE(a, float, cfg->cap_lens_px);
+    if (!s.px || !s.depth) continue;
+    s.px[i] = px;
+    s.depth[i] = depth;
+  }
+  return s;
+}
 
 size_t sv_demultiplex_bytes(const sv_train_cfg *cfg) {
   sv_arena dry = sv_arena_dry();
   if (cfg->cap_lenses < 1) return 0;
-  SV_TAKE(&dry, sv_trainer, 1);
-  SV_TAKE(&dry, sv_train_view, cfg->cap_lenses);
-  SV_TAKE(&dry, uint8_t *, cfg->cap_lenses);
-  for (int i = 0; i < cfg->cap_lenses; i++) SV_TAKE(&dry, uint8_t, lens_bytes(cfg));
+  (void)carve(cfg, &dry);
   return dry.used_bytes;
 }
 
@@ -106,10 +125,22 @@ static void store_row(const sensor *s, const sv_crop *crop, int m, int y, int k)
   for (int x = 0; x < w; x++) out[3 * x + k] = (uint8_t)(sv_clampf(light[x], 0.0f, 1.0f) * 255.0f + 0.5f);
 }
 
+// A row of the model's depth, as lens m sees it.
+static void store_depth(const sensor *s, const sv_crop *crop, int m, int y) {
+  const sv_renderer *r = &s->t->render;
+  float *out =
+      s->depth[m] + (size_t)(crop->lens_y + y) * (size_t)crop->lens->footprint.width_px + crop->lens_x;
+  const size_t at = (size_t)y * (size_t)r->rgb.stride;
+  for (int x = 0; x < crop->view.width_px; x++) {
+    const float alpha = 1.0f - r->trans[at + (size_t)x];
+    out[x] = alpha > MIN_ALPHA ? r->depth[at + (size_t)x] / alpha : 0.0f;
+  }
+}
+
 static sv_status solve_region(const sensor *s) {
   sv_trainer *t = s->t;
   const sv_multiplexed *c = &s->of->model;
-  const sv_render_options o = sv_train_render_options(t, 1.0f, false);
+  const sv_render_options o = sv_train_render_options(t, 1.0f, true);
   sv_crop crop;
   sv_status st = sv_train_predict(t, c, &s->region, &o, NULL, NULL);
   if (st < 0) return st;
@@ -117,8 +148,10 @@ static sv_status solve_region(const sensor *s) {
   for (int m = 0; m < c->n_lenses; m++) {
     if (!sv_multiplexed_crop(c, m, &s->region, &crop)) continue;
     if ((st = sv_render(&t->render, &t->g, &crop.view, &o)) < 0) return st;
-    for (int y = 0; y < crop.view.height_px; y++)
+    for (int y = 0; y < crop.view.height_px; y++) {
       for (int k = 0; k < 3; k++) store_row(s, &crop, m, y, k);
+      store_depth(s, &crop, m, y);
+    }
   }
   return SV_OK;
 }
@@ -140,24 +173,26 @@ static sv_status solve(sensor *s) {
   return SV_OK;
 }
 
-sv_status sv_demultiplex(sv_trainer *t, sv_arena *scratch, sv_trainer **out) {
-  sv_trainer *lenses = SV_TAKE(scratch, sv_trainer, 1);
-  sv_train_view *views = SV_TAKE(scratch, sv_train_view, t->cfg.cap_lenses);
-  uint8_t **px = SV_TAKE(scratch, uint8_t *, t->cfg.cap_lenses);
-  for (int i = 0; px && i < t->cfg.cap_lenses; i++) px[i] = SV_TAKE(scratch, uint8_t, lens_bytes(&t->cfg));
+sv_status sv_demultiplex(sv_trainer *t, sv_arena *scratch, sv_lens_images *out) {
+  const space room = carve(&t->cfg, scratch);
+  sv_trainer *lenses = room.trainer;
   if (scratch->status < 0) return scratch->status;
   *lenses = *t;
   lenses->cfg = sv_demultiplex_cfg(&t->cfg);
-  lenses->views = views;
+  lenses->views = room.views;
   lenses->n_views = 0;
   for (int i = 0; i < t->n_measurements; i++) {
-    sensor s = {
-        .t = t, .of = &t->measurements[i], .views = views + lenses->n_views, .px = px + lenses->n_views};
+    const int n = lenses->n_views;
+    sensor s = {.t = t,
+                .of = &t->measurements[i],
+                .views = room.views + n,
+                .px = room.px + n,
+                .depth = room.depth + n};
     lenses->n_views += s.of->model.n_lenses;
     if (lenses->n_views > t->cfg.cap_lenses) return SV_E_RANGE;
     sv_status st = solve(&s);
     if (st < 0) return st;
   }
-  *out = lenses;
+  *out = (sv_lens_images){lenses, room.depth};
   return SV_OK;
 }

@@ -20,10 +20,15 @@ extern "C" {
 size_t sv_demultiplex_bytes(const sv_train_cfg *cfg);
 // The settings by which depth maps of lens images are planned: each lens image is a view.
 sv_train_cfg sv_demultiplex_cfg(const sv_train_cfg *cfg);
-// *out, in scratch, has the lens images of all measurements as its views, and otherwise what t has.
-// It is for depth maps and points from them (stereo.h), not for training. E_RANGE: the lens images
-// exceed the caps of the trainer's settings.
-sv_status sv_demultiplex(sv_trainer *t, sv_arena *scratch, sv_trainer **out) SV_MUST_USE;
+typedef struct {
+  // Has the lens images of all measurements as its views, and otherwise what the given one has: for
+  // depth maps and points from them (stereo.h), not for training.
+  sv_trainer *lenses;
+  float *const *depth; // [view][height][width] of the model, world units; 0: it has none there
+} sv_lens_images;
+
+// *out lies in scratch. E_RANGE: the lens images exceed the caps of the trainer's settings.
+sv_status sv_demultiplex(sv_trainer *t, sv_arena *scratch, sv_lens_images *out) SV_MUST_USE;
 
 #ifdef __cplusplus
 }

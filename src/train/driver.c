@@ -81,10 +81,12 @@ static sv_status train_sketch(sv_trainer *t, const sv_driver_start *start) {
 
 static sv_status measure_lenses(sv_trainer *t, const sv_driver_start *start, sv_stereo_cloud *cloud) {
   const size_t mark = sv_arena_mark(start->scratch);
-  sv_trainer *lenses = NULL;
+  sv_lens_images images = {0};
   sv_status s = train_sketch(t, start);
-  if (s >= 0) s = sv_demultiplex(t, start->scratch, &lenses);
-  if (s >= 0) s = sv_stereo_points(lenses, &start->bounds, start->scratch, cloud);
+  if (s >= 0) s = sv_demultiplex(t, start->scratch, &images);
+  // Floaters are in all lens images, so that maps of them agree. The model knows better.
+  cloud->depth = images.depth;
+  if (s >= 0) s = sv_stereo_points(images.lenses, &start->bounds, start->scratch, cloud);
   sv_arena_reset(start->scratch, mark);
   return s;
 }

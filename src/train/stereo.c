@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/train/stereo.h"
 
+#include <math.h>
+
 #include "src/base/mathx.h"
 
 #define MIN_SHARE 16 // of the Gaussians: fewer points leave most of the scene empty
@@ -40,8 +42,21 @@ bool sv_stereo_point(const sv_trainer *t, const sv_depth_map *m, int x, int y, s
 typedef struct { // takes n of n_all, evenly over their order
   int64_t n_all, i_all;
   sv_point *point;
+  float *const *depth; // of the cloud
   int n, n_out;
 } sampler;
+
+#define DEPTH_TOLERANCE 0.1f // of another model's depth
+
+static bool is_believed(float depth, float z) {
+  return depth > 0 && fabsf(z - depth) <= DEPTH_TOLERANCE * depth;
+}
+
+// Of the middle of a map's pixel in the view's full size.
+static size_t full_index(const sv_trainer *t, const sv_depth_map *m, int x, int y) {
+  const int k = m->k, half = k / 2;
+  return (size_t)(y * k + half) * (size_t)t->views[m->i_view].view.width_px + (size_t)(x * k + half);
+}
 
 static bool is_next_taken(sampler *s) {
   int64_t i = s->i_all++;
@@ -50,11 +65,13 @@ static bool is_next_taken(sampler *s) {
 
 // All pixels of a map with a depth: counted when there is no room, else into it.
 static void sample(const sv_trainer *t, const sv_depth_map *m, sampler *s) {
+  const float *depth = s->depth ? s->depth[m->i_view] : NULL;
   for (int y = 0; y < m->view.height_px; y++)
     for (int x = 0; x < m->view.width_px; x++) {
       sv_point here;
       float z;
       if (!sv_stereo_point(t, m, x, y, &here, &z)) continue;
+      if (depth && !is_believed(depth[full_index(t, m, x, y)], z)) continue;
       if (!s->point) {
         s->n_all++;
         continue;
@@ -68,7 +85,7 @@ sv_status sv_stereo_points(const sv_trainer *t, const sv_bounds *bounds, sv_aren
   sv_sweep sweep;
   size_t mark = sv_arena_mark(scratch);
   sv_status s = sv_sweep_run(&sweep, t, bounds, SV_SWEEP_CAP_PX, scratch);
-  sampler all = {.n = out->cap};
+  sampler all = {.n = out->cap, .depth = out->depth};
   for (int i = 0; s == SV_OK && i < sweep.n; i++) sample(t, &sweep.map[i], &all);
   if (s == SV_OK && all.n_all * MIN_SHARE < out->cap) s = SV_AGAIN;
   all.point = out->point;

@@ -14,6 +14,9 @@ extern "C" {
 typedef struct {
   sv_point *point; // [cap]
   int cap;
+  // [view][height][width] what another model takes for the depth there, 0: nothing; points that
+  // differ by more than a tenth are left out. NULL: all are taken
+  float *const *depth;
   int n;      // out: points
   int n_maps; // out: depth maps that they are from
 } sv_stereo_cloud;

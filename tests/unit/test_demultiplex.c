@@ -4,6 +4,7 @@
 #include <stdlib.h>
 
 #include "src/train/demultiplex.h"
+#include "src/train/step.h"
 #include "tests/common/test.h"
 #include "tests/common/world.h"
 
@@ -13,17 +14,17 @@ static uint8_t memory[16 << 20];
 // Light of a display value (IEC 61966-2-1).
 static double light_of(double v) { return v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4); }
 
-static sv_trainer *told_apart(int n_steps) {
+static sv_lens_images told_apart(int n_steps) {
   world_open_well(&w, "textured,rig=multiplexed,grid=3x3,size=160x120", 1, ~0u, 2);
   w.cfg.train.n_gaussians = 1000;
   w.cfg.train.region_px = 64;
   w.cfg.steps = n_steps;
   world_run_well(&w);
-  sv_trainer *out = NULL;
+  sv_lens_images out = {0};
   sv_arena a = sv_arena_make(memory, sizeof memory);
   assert_true(sv_demultiplex_bytes(&w.app.trainer.cfg) < sizeof memory);
   assert_int_equal(sv_demultiplex(&w.app.trainer, &a, &out), SV_OK);
-  assert_int_equal(out->n_views, 9);
+  assert_int_equal(out.lenses->n_views, 9);
   return out;
 }
 
@@ -63,7 +64,7 @@ static double worst(const sv_trainer *lenses, bool is_alone, int *n) {
 // Whatever the model is like.
 TEST(test_sum_is_the_measurement) {
   for (int n_steps = 1; n_steps <= 40; n_steps += 39) {
-    const sv_trainer *lenses = told_apart(n_steps);
+    const sv_trainer *lenses = told_apart(n_steps).lenses;
     int n, n_alone;
     const double all = worst(lenses, false, &n), alone = worst(lenses, true, &n_alone);
     print_message("%d steps: sum off by %.4f of %d values; one lens alone %.4f of %d\n", n_steps, all, n,
@@ -75,10 +76,32 @@ TEST(test_sum_is_the_measurement) {
   }
 }
 
+// The model's depth, as the renderer tells it for a whole lens image.
+TEST(test_depth_is_the_models) {
+  const sv_lens_images images = told_apart(200);
+  sv_trainer *t = &w.app.trainer;
+  const sv_view *v = &images.lenses->views[4].view;
+  const sv_render_options o = sv_train_render_options(t, 1.0f, true);
+  assert_int_equal(sv_render(&t->render, &t->g, v, &o), SV_OK);
+  int n = 0;
+  for (int y = 0; y < v->height_px; y++)
+    for (int x = 0; x < v->width_px; x++) {
+      const size_t at = (size_t)y * (size_t)t->render.rgb.stride + (size_t)x;
+      const double alpha = 1.0 - (double)t->render.trans[at];
+      const double got = (double)images.depth[4][y * v->width_px + x];
+      if (alpha < 0.49) assert_true(got == 0);
+      if (alpha < 0.51) continue;
+      assert_true(fabs(got - (double)t->render.depth[at] / alpha) < 0.01 * got);
+      n++;
+    }
+  assert_true(n > 100);
+  world_close(&w);
+}
+
 // The caps are those of the settings.
 TEST(test_caps) {
   told_apart(1);
-  sv_trainer *out = NULL;
+  sv_lens_images out = {0};
   sv_arena a = sv_arena_make(memory, sizeof memory), small = sv_arena_make(memory, 1000);
   assert_true(sv_demultiplex(&w.app.trainer, &small, &out) < 0);
   w.app.trainer.cfg.cap_lenses = 8;
@@ -89,6 +112,7 @@ TEST(test_caps) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_sum_is_the_measurement),
+      cmocka_unit_test(test_depth_is_the_models),
       cmocka_unit_test(test_caps),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
