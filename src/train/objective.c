@@ -57,9 +57,9 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   // With compensation a low-pass of 0.3 takes what the pixels show for blur of their own: finer
   // detail is lost.
   if (cfg->is_antialiased) cfg->dilation_px2 = SV_DILATION_AREA_PX2;
-  // What is seen at some times only settles better in Adam's even steps: its curvature of a step ago
-  // was another picture's. From afar they come nearer to a surface that several views see, and tell
-  // better whose light a pixel of several lenses is (docs/notes/quality.md).
+  // What is seen at some times only settles better in Adam's even steps: its curvature of a step
+  // ago was another picture's. From afar they come nearer to a surface that several views see, and
+  // tell better whose light a pixel of several lenses is (docs/notes/quality.md).
   const bool is_even =
       s->is_moving || (s->is_far && (s->is_multiplexed || s->n_exposures * s->n_sub_views > 1));
   cfg->optimizer = is_even ? SV_OPTIMIZER_ADAM : SV_OPTIMIZER_GAUSS_NEWTON;

@@ -1,8 +1,8 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
 # Jobs of `subview-lab tables` by a real Slurm of one node (slurmctld, slurmd and munge on
-# loopback), whose daemons live in a folder of their own. Exit code 77 where that cannot be: not root, or not installed
-# (tools/deps/install.sh slurm). usage: slurm.sh LAB
+# loopback), whose daemons live in a folder of their own. Exit code 77 where that cannot be: not
+# root, or not installed (tools/deps/install.sh slurm). usage: slurm.sh LAB
 set -eu
 lab=$(realpath "$1")
 here=$(dirname "$(realpath "$0")")
