@@ -52,12 +52,12 @@ typedef struct {
   sv_remap map;            // entries NULL for a lens without distortion, and for a fisheye
   bool is_fisheye;
   sv_fisheye fisheye;
-  size_t at, bytes; // of its picture inside one exposure's block
-  size_t deep_at;   // of its deep picture, likewise
-  uint8_t *mask;    // [height][width] of the view, NULL without one
+  size_t at, bytes;         // of its picture inside one exposure's block
+  size_t deep_at;           // of its deep picture, likewise
+  uint8_t *mask;            // [height][width] of the view, NULL without one
   sv_correction correction; // not of deep pictures
-  uint8_t *held;        // [height][width] 1: kept from training; NULL without hold_out
-  sv_row_time row_time; // of a rolling shutter
+  uint8_t *held;            // [height][width] 1: kept from training; NULL without hold_out
+  sv_row_time row_time;     // of a rolling shutter
 } sv_sub_view_store;
 
 typedef struct {

@@ -51,7 +51,8 @@ sv_status sv_board_print_fit(sv_board_print *b, const char *paper, const int cor
 }
 
 bool sv_board_print_parse(const char *text, int corners[2]) {
-  const size_t n = strcspn(text, "xX");
+  size_t n = 0;
+  while (text[n] && text[n] != 'x' && text[n] != 'X') n++;
   long long side[2];
   if (!text[n] || !sv_parse_int(text, n, &side[0]) ||
       !sv_parse_int(text + n + 1, strlen(text + n + 1), &side[1]))
