@@ -66,6 +66,18 @@ sv_status cal_read_rig(sv_rig *rig, const char *folder, void *block, sv_err *err
 // that (sensor.c). False: not known.
 bool cal_sensor_area(const char *picture, const int size_px[2], sv_sensor_area *out);
 
+// --- a command's frame (frame.c) -----------------------------------------------------------------
+// What a command works with: half of its block for what stays, half for what comes and goes.
+typedef struct {
+  const cal_options *options;
+  lab_session *session;
+  sv_arena arena, scratch;
+} cal_frame;
+// job: zeroed memory of the command's own; what it opened it also frees.
+typedef sv_status cal_work(void *job, const cal_frame *frame, sv_err *err);
+// Runs a command that signals can stop. The exit code; a failure is told.
+int cal_frame_run(const cal_options *o, size_t job_bytes, size_t block_bytes, cal_work *work);
+
 // --- what the user is told (advice.c) ------------------------------------------------------------
 #define CAL_CAP_ADVICE 64
 typedef struct {

@@ -203,23 +203,13 @@ static sv_status calibrate(job *j, const cal_options *o, lab_session *se, sv_err
   return lab_report_print(&r, err);
 }
 
-int cal_cmd_shutter(const cal_options *o) {
-  lab_session se;
-  sv_err err = {0};
-  job *j = calloc(1, sizeof *j);
-  uint8_t *block = malloc(BLOCK_BYTES);
-  sv_status s = lab_session_start(&se, o->threads, o->is_quiet, &err);
-  if (s == SV_OK) s = sv_linux_catch_signals(&err);
-  if (s == SV_OK && (!j || !block)) s = sv_fail(&err, SV_E_NOMEM, "no memory");
-  if (s == SV_OK) {
-    j->arena = sv_arena_make(block, BLOCK_BYTES / 2);
-    j->scratch = sv_arena_make(block + BLOCK_BYTES / 2, BLOCK_BYTES / 2);
-    s = calibrate(j, o, &se, &err);
-    cal_boards_free(&j->boards);
-  }
-  if (s != SV_OK) lab_failed(&se, &err);
-  lab_session_stop(&se);
-  free(j);
-  free(block);
-  return s == SV_OK ? CAL_EXIT_OK : CAL_EXIT_FAILED;
+static sv_status run(void *memory, const cal_frame *frame, sv_err *err) {
+  job *j = memory;
+  j->arena = frame->arena;
+  j->scratch = frame->scratch;
+  sv_status s = calibrate(j, frame->options, frame->session, err);
+  cal_boards_free(&j->boards);
+  return s;
 }
+
+int cal_cmd_shutter(const cal_options *o) { return cal_frame_run(o, sizeof(job), BLOCK_BYTES, run); }
