@@ -155,6 +155,28 @@ int shell_read(char *out, size_t cap, const char *command) {
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
+char shell_out[16384];
+
+int shell_run(const char *format, ...) {
+  char command[1200];
+  va_list ap;
+  va_start(ap, format);
+  vsnprintf(command, sizeof command, format, ap);
+  va_end(ap);
+  return shell_read(shell_out, sizeof shell_out, command);
+}
+
+double shell_number(const char *key) {
+  const char *at = strstr(shell_out, key);
+  if (!at) fail_msg("no %s in: %s", key, shell_out);
+  return strtod(at + strlen(key), NULL);
+}
+
+const char *shell_bin(void) {
+  const char *dir = getenv("SV_BIN");
+  return dir ? dir : "build/sim-x86/bin";
+}
+
 bool is_emulated(void) {
   const char *emulator = getenv("SV_EMULATE");
   return emulator && *emulator;

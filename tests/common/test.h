@@ -94,6 +94,13 @@ char *temp_read(const char *folder, const char *name);
 void shell_ok(const char *format, ...) SV_PRINTF(1, 2);
 // A shell command's exit code, or 128 + its signal; what it prints to stdout goes to out.
 int shell_read(char *out, size_t cap, const char *command);
+// The same into shell_out, of a formatted command.
+extern char shell_out[16384];
+int shell_run(const char *format, ...) SV_PRINTF(1, 2);
+// The number behind a key in shell_out; fails the test when the key is not there.
+double shell_number(const char *key);
+// The folder of the programs under test.
+const char *shell_bin(void);
 // SV_EMULATE runs foreign programs; tests that cannot work under it ask here.
 bool is_emulated(void);
 

@@ -3,7 +3,6 @@
 // gains, white balance and falloff are known, runs that regain what these cost, check's warning,
 // and what is refused.
 #include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,27 +13,9 @@
 #define BRIGHTER  "gain=0.1,white=5500" // white squares are not saturated
 #define DIFFERENT "gain=0.3,white=4500,vignetting=-0.4"
 
-static char out[16384];
-
-static const char *bin_dir(void) {
-  const char *dir = getenv("SV_BIN");
-  return dir ? dir : "build/sim-x86/bin";
-}
-
-// Prints and returns the exit code.
-static int sh(const char *format, ...) SV_PRINTF(1, 2);
-static int sh(const char *format, ...) {
-  char command[1200];
-  va_list ap;
-  va_start(ap, format);
-  vsnprintf(command, sizeof command, format, ap);
-  va_end(ap);
-  return shell_read(out, sizeof out, command);
-}
-
 static double number_from(const char *at, const char *key) {
   at = at ? strstr(at, key) : NULL;
-  if (!at) fail_msg("no %s in: %s", key, out);
+  if (!at) fail_msg("no %s in: %s", key, shell_out);
   return strtod(at + strlen(key), NULL);
 }
 
@@ -48,18 +29,20 @@ static void need_board(void) {
 // A capture in dir/cap; a rig that is there stays.
 static void capture(const char *dir, const char *source, int n) {
   assert_int_equal(
-      sh("rm -rf '%s/cap'; '%s/subview' capture --source %s,exposures=%d --exposures %d --out '%s/cap' "
-         "--quiet 2>&1; test -d '%s/rig' || cp -r '%s/cap/rig' '%s/rig'",
-         dir, bin_dir(), source, n, n, dir, dir, dir, dir),
+      shell_run(
+          "rm -rf '%s/cap'; '%s/subview' capture --source %s,exposures=%d --exposures %d --out '%s/cap' "
+          "--quiet 2>&1; test -d '%s/rig' || cp -r '%s/cap/rig' '%s/rig'",
+          dir, shell_bin(), source, n, n, dir, dir, dir, dir),
       0);
 }
 
 // option: that which takes the folders of the cameras.
 static int program(const char *dir, const char *command, const char *option, const char *cameras,
                    const char *more) {
-  return sh("p=; for c in %s; do p=\"$p %s/cap/$c\"; done; '%s/subview-calibrate' %s --rig '%s/rig' %s $p %s "
-            "--json 2>&1",
-            cameras, dir, bin_dir(), command, dir, option, more);
+  return shell_run(
+      "p=; for c in %s; do p=\"$p %s/cap/$c\"; done; '%s/subview-calibrate' %s --rig '%s/rig' %s $p %s "
+      "--json 2>&1",
+      cameras, dir, shell_bin(), command, dir, option, more);
 }
 
 static int calibrate(const char *dir, const char *option, const char *cameras, const char *more) {
@@ -69,7 +52,7 @@ static int calibrate(const char *dir, const char *option, const char *cameras, c
 // Gains of a camera relative to 1 + gain of the light, balanced to white_k.
 static void check_camera(const char *name, const double gain[3], double gain_limit, double corner_limit) {
   static const char *const keys[] = {"\"gain_r\": ", "\"gain_g\": ", "\"gain_b\": "};
-  const char *at = strstr(out, name);
+  const char *at = strstr(shell_out, name);
   double worst = 0;
   for (int k = 0; k < 3; k++) worst = fmax(worst, fabs(number_from(at, keys[k]) / gain[k] - 1));
   const double corner = number_from(at, "\"corner_light\": "), sigma = number_from(at, "\"corner_sigma\": ");
@@ -85,11 +68,12 @@ static const double same[3] = {1, 1, 1}, right[3] = {1.00209, 1.3, 1.97983},
 
 static double psnr(const char *dir, const char *rig, const char *options) {
   assert_int_equal(
-      sh("'%s/subview' run --source sim:%s,size=160x120,exposures=8%s --exposures 8 --steps 400 --gaussians "
-         "3000 --json --quiet --overwrite --out '%s/run' 2>&1",
-         bin_dir(), rig, options, dir),
+      shell_run(
+          "'%s/subview' run --source sim:%s,size=160x120,exposures=8%s --exposures 8 --steps 400 --gaussians "
+          "3000 --json --quiet --overwrite --out '%s/run' 2>&1",
+          shell_bin(), rig, options, dir),
       0);
-  return number_from(out, "\"psnr\": ");
+  return number_from(shell_out, "\"psnr\": ");
 }
 
 TEST(test_white_pictures) {
@@ -105,7 +89,7 @@ TEST(test_white_pictures) {
                off = psnr(dir, "room,rig=phone", "," DIFFERENT " --appearance off"),
                calibrated = psnr(dir, "room,rig=phone", with);
   print_message("ideal %.2f dB, different %.2f dB, calibrated %.2f dB\n", ideal, off, calibrated);
-  assert_null(strstr(out, "\"appearance\": {")); // nothing is left to learn
+  assert_null(strstr(shell_out, "\"appearance\": {")); // nothing is left to learn
   assert_true(off < ideal - 2 && calibrated > ideal - 0.2);
   assert_int_equal(temp_folder_remove(dir), 0);
 }
@@ -119,17 +103,17 @@ TEST(test_boards) {
           "4," BRIGHTER,
           32);
   assert_int_equal(program(dir, "check", "--images", "left right", "--board 9x6 --spacing 0.12"), 0);
-  assert_contains(out, "right shows the boards' white squares otherwise than left");
-  const double before = number_from(strstr(out, "\"right\""), "\"light_g\": ");
+  assert_contains(shell_out, "right shows the boards' white squares otherwise than left");
+  const double before = number_from(strstr(shell_out, "\"right\""), "\"light_g\": ");
   assert_int_equal(calibrate(dir, "--images", "left right", "--board 9x6"), 0);
   // the boards hardly reach the corners
   check_camera("\"left\"", same, 1e-6, 0.04);
   check_camera("\"right\"", brighter, 0.02, 0.04);
   assert_int_equal(program(dir, "check", "--images", "left right", "--board 9x6 --spacing 0.12"), 0);
-  const double after = number_from(strstr(out, "\"right\""), "\"light_g\": ");
+  const double after = number_from(strstr(shell_out, "\"right\""), "\"light_g\": ");
   print_message("green of the squares: %.4f, after calibration %.4f\n", before, after);
   assert_true(fabs(before - 1.1) < 0.03 && fabs(after - 1) < 0.01);
-  assert_null(strstr(out, "white squares otherwise"));
+  assert_null(strstr(shell_out, "white squares otherwise"));
   assert_int_equal(temp_folder_remove(dir), 0);
 }
 
@@ -138,15 +122,15 @@ TEST(test_refused) {
   assert_int_equal(temp_folder_make(dir, sizeof dir, "photometric"), 0);
   capture(dir, "sim:textured,flat=0.33,rig=stereo,size=160x120,gain=0.9,white=3000", 2);
   assert_int_equal(calibrate(dir, "--white", "left right", ""), 1);
-  assert_contains(out, "of its pixels are saturated");
+  assert_contains(shell_out, "of its pixels are saturated");
   assert_int_equal(calibrate(dir, "--white", "left", ""), 1);
-  assert_contains(out, "has 2 cameras, --white names 1");
+  assert_contains(shell_out, "has 2 cameras, --white names 1");
   assert_int_equal(calibrate(dir, "", "", ""), 2);
-  assert_contains(out, "either --white or --images");
+  assert_contains(shell_out, "either --white or --images");
   assert_int_equal(calibrate(dir, "--images", "left right", ""), 2);
-  assert_contains(out, "--images and --board");
-  assert_int_equal(sh("cat '%s/rig/rig.json'", dir), 0);
-  assert_null(strstr(out, "photometric"));
+  assert_contains(shell_out, "--images and --board");
+  assert_int_equal(shell_run("cat '%s/rig/rig.json'", dir), 0);
+  assert_null(strstr(shell_out, "photometric"));
   assert_int_equal(temp_folder_remove(dir), 0);
 }
 

@@ -3,7 +3,6 @@
 // time within 3 %, direction, a global shutter told as such, and what it refuses. Then runs that
 // regain what a rolling shutter costs.
 #include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,30 +11,6 @@
 #include "tests/common/test.h"
 
 #define BOARD "sim:board,rig=mono,path=sway,arc=0,fps=30,turn_deg_s=25,size=480x360"
-
-static char out[8192];
-
-static const char *bin_dir(void) {
-  const char *dir = getenv("SV_BIN");
-  return dir ? dir : "build/sim-x86/bin";
-}
-
-// Prints and returns the exit code.
-static int sh(const char *format, ...) SV_PRINTF(1, 2);
-static int sh(const char *format, ...) {
-  char command[1200];
-  va_list ap;
-  va_start(ap, format);
-  vsnprintf(command, sizeof command, format, ap);
-  va_end(ap);
-  return shell_read(out, sizeof out, command);
-}
-
-static double number(const char *key) {
-  const char *at = strstr(out, key);
-  if (!at) fail_msg("no %s in: %s", key, out);
-  return strtod(at + strlen(key), NULL);
-}
 
 static void need_board(void) {
   sv_err err;
@@ -47,16 +22,17 @@ static void need_board(void) {
 // A capture in dir/cap, whose rig does not tell its shutter.
 static void capture(const char *dir, const char *options, int n) {
   assert_int_equal(
-      sh("rm -rf '%s/cap'; '%s/subview' capture --source %s,%s --exposures %d --out '%s/cap' --quiet "
-         "2>&1 && sed -i 's/, \"readout_ms.*\"}/}/' '%s/cap/rig/rig.json'",
-         dir, bin_dir(), BOARD, options, n, dir, dir),
+      shell_run("rm -rf '%s/cap'; '%s/subview' capture --source %s,%s --exposures %d --out '%s/cap' --quiet "
+                "2>&1 && sed -i 's/, \"readout_ms.*\"}/}/' '%s/cap/rig/rig.json'",
+                dir, shell_bin(), BOARD, options, n, dir, dir),
       0);
 }
 
 static int calibrate(const char *dir, const char *options) {
-  return sh("'%s/subview-calibrate' shutter --rig '%s/cap/rig' --capture '%s/cap' --board 9x6 --spacing 0.12 "
-            "--json --quiet %s 2>&1",
-            bin_dir(), dir, dir, options);
+  return shell_run(
+      "'%s/subview-calibrate' shutter --rig '%s/cap/rig' --capture '%s/cap' --board 9x6 --spacing 0.12 "
+      "--json --quiet %s 2>&1",
+      shell_bin(), dir, dir, options);
 }
 
 TEST(test_readout) {
@@ -73,13 +49,14 @@ TEST(test_readout) {
   for (size_t i = 0; i < sizeof runs / sizeof *runs; i++) {
     capture(dir, runs[i].options, runs[i].n);
     assert_int_equal(calibrate(dir, ""), 0);
-    const double ms = number("\"readout_ms\": "), sigma = number("\"sigma_ms\": ");
+    const double ms = shell_number("\"readout_ms\": "), sigma = shell_number("\"sigma_ms\": ");
     print_message("%s: %.3f +- %.3f ms, %.0f frames, %.3f px, %.3f px as a global shutter\n", runs[i].options,
-                  ms, sigma, number("\"frames\": "), number("\"rms_px\": "), number("\"rms_global_px\": "));
-    if (runs[i].direction) assert_non_null(strstr(out, runs[i].direction));
+                  ms, sigma, shell_number("\"frames\": "), shell_number("\"rms_px\": "),
+                  shell_number("\"rms_global_px\": "));
+    if (runs[i].direction) assert_non_null(strstr(shell_out, runs[i].direction));
     assert_true(fabs(ms - runs[i].ms) <= 0.03 * runs[i].ms);
-    assert_int_equal(sh("cat '%s/cap/rig/rig.json'", dir), 0);
-    assert_true((strstr(out, "readout_ms") != NULL) == (runs[i].ms > 0));
+    assert_int_equal(shell_run("cat '%s/cap/rig/rig.json'", dir), 0);
+    assert_true((strstr(shell_out, "readout_ms") != NULL) == (runs[i].ms > 0));
   }
   assert_int_equal(temp_folder_remove(dir), 0);
 }
@@ -91,22 +68,23 @@ TEST(test_refused) {
   assert_int_equal(temp_folder_make(dir, sizeof dir, "shutter"), 0);
   capture(dir, "readout_ms=20,turn_deg_s=0,move_m_s=0", 12);
   assert_int_equal(calibrate(dir, ""), 1);
-  assert_non_null(strstr(out, "the board hardly moves"));
+  assert_non_null(strstr(shell_out, "the board hardly moves"));
   capture(dir, "readout_ms=20", 3);
   assert_int_equal(calibrate(dir, ""), 1);
-  assert_non_null(strstr(out, "expected at least 8"));
-  assert_int_equal(sh("cat '%s/cap/rig/rig.json'", dir), 0);
-  assert_null(strstr(out, "readout_ms"));
+  assert_non_null(strstr(shell_out, "expected at least 8"));
+  assert_int_equal(shell_run("cat '%s/cap/rig/rig.json'", dir), 0);
+  assert_null(strstr(shell_out, "readout_ms"));
   assert_int_equal(temp_folder_remove(dir), 0);
 }
 
 static double psnr(const char *dir, const char *options, const char *flags) {
   assert_int_equal(
-      sh("'%s/subview' run --source sim:%s,rig=stereo,path=sway,arc=0,fps=15,exposures=24,size=160x120 "
-         "--exposures 24 --steps 600 --gaussians 4000 --json --quiet --overwrite --out '%s/run' %s 2>&1",
-         bin_dir(), options, dir, flags),
+      shell_run(
+          "'%s/subview' run --source sim:%s,rig=stereo,path=sway,arc=0,fps=15,exposures=24,size=160x120 "
+          "--exposures 24 --steps 600 --gaussians 4000 --json --quiet --overwrite --out '%s/run' %s 2>&1",
+          shell_bin(), options, dir, flags),
       0);
-  return number("\"psnr\": ");
+  return shell_number("\"psnr\": ");
 }
 
 // 30 degrees/s and 0.3 m/s; at least 75 % of what is lost comes back. Poses of the source, then

@@ -77,7 +77,7 @@ static sv_status job_of(tables_job *j, const tables *t, const tables_run *r, num
   return SV_OK;
 }
 
-// --- what is there -------------------------------------------------------------------------------
+// --- finished runs -------------------------------------------------------------------------------
 
 static sv_status take(const tables_job *j, const char *file, tables_run *r, int split, sv_err *err) {
   char *text;
