@@ -18,7 +18,10 @@
 extern "C" {
 #endif
 
-#define SV_SECTIONS_OVERHEAD_BYTES 56 // header and end mark of a file; a section takes 32 + up to 7
+#define SV_SECTIONS_OVERHEAD_BYTES 56 // header and end mark of a file
+#define SV_SECTIONS_HEADER_BYTES   24 // of the file, and of a section before its payload
+// What a section of so many bytes takes in the file.
+#define SV_SECTIONS_BYTES(bytes) (32 + (((uint64_t)(bytes) + 7) & ~(uint64_t)7))
 
 typedef struct {
   sv_sink sink;

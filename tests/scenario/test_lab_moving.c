@@ -138,6 +138,25 @@ TEST(test_frames) {
   says("ls f/frame_*.png | wc -l", "5");
   run_well("@ export --model m/model.ply --format delta --frames 3 --out m/delta.ply --quiet");
   says("head -c 3 m/delta.ply", "ply");
+  says("grep -a -c '^property float opacity' m/delta.ply", "4"); // of the base, and of each frame
+}
+
+// Numbered models are still ones, as the model is at their times; a sequence renders as the model
+// that it was made from.
+TEST(test_sequences) {
+  lab_shell_need(&shell);
+  run_well("@ export --model m/model.ply --format ply --frames 3 --out frames --quiet");
+  says("ls frames | tr '\\n' ' '", "frame_0000.ply frame_0001.ply frame_0002.ply");
+  assert_int_equal(run("cmp frames/frame_0000.ply frames/frame_0002.ply"), 1);
+  run_well("@ export --model m/model.ply --format sequence --frames 25 --out m/model.svseq --quiet");
+  run_well("for f in model.ply model.svseq; do @ eval --data s --model m/$f --quiet --json | "
+           "sed 's/.*\"psnr\": \\([0-9.]*\\).*/\\1/' ; done > m/psnr; "
+           "tr '\\n' ' ' < m/psnr | awk '{ d = $1 - $2; exit !($1 > 10 && d < 0.05 && d > -0.05) }' || "
+           "{ cat m/psnr; false; }");
+  run_well("@ export --model m/model.svseq --format spz --frames 2 --out again --quiet");
+  says("ls again | tr '\\n' ' '", "frame_0000.spz frame_0001.spz");
+  says("@ export --model frames/frame_0000.ply --format sequence --out x.svseq || true", "is static");
+  says("head -c 9000 m/model.svseq > m/cut.svseq; @ eval --data s --model m/cut.svseq || true", "cut off");
 }
 
 TEST(test_film) {
@@ -156,9 +175,10 @@ TEST(test_film) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_dataset), cmocka_unit_test(test_tables),
-      cmocka_unit_test(test_plots),   cmocka_unit_test(test_still_after_moving),
-      cmocka_unit_test(test_frames),  cmocka_unit_test(test_film),
-      cmocka_unit_test(test_upright), cmocka_unit_test(test_full_disk)};
+      cmocka_unit_test(test_dataset),  cmocka_unit_test(test_tables),
+      cmocka_unit_test(test_plots),    cmocka_unit_test(test_still_after_moving),
+      cmocka_unit_test(test_frames),   cmocka_unit_test(test_sequences),
+      cmocka_unit_test(test_film),     cmocka_unit_test(test_upright),
+      cmocka_unit_test(test_full_disk)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

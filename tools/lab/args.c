@@ -113,7 +113,8 @@ static const sv_option table[] = {
     {"split", SV_OPT_TEXT, LAB_EVAL | LAB_RENDER | LAB_COMPARE, 0, AT(split), "S",
      "views: train, test, test_near, test_time, ... (test; test_near for a model of one exposure)", 0, 0, 0},
     {"frames", SV_OPT_INT, LAB_RENDER | LAB_EXPORT, 0, AT(frames), "N",
-     "moving model: number of time samples of the first view or of one orbit; delta: number of frames (25)",
+     "moving model: number of time samples of the first view or of one orbit; export: number of frames, one "
+     "file each in the folder of --out (delta, sequence: in one file; 25)",
      2, 10000, 0},
     {"orbit", SV_OPT_INT, LAB_RENDER, 0, AT(orbit), "N",
      "N views on a circle around the scene instead of --split; also orbit.webp (builds with libwebp); "
@@ -138,7 +139,7 @@ static const sv_option table[] = {
     {"lpips", SV_OPT_FLAG, LAB_TRAIN | LAB_EVAL, 0, AT(has_lpips), 0,
      "also LPIPS (v0.1, SqueezeNet); train: with --eval", 0, 0, 0},
     {"format", SV_OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format),
-     "ply|compressed-ply|splat|spz|sog|glb|html|delta", "output format", 0, 0, 0},
+     "ply|compressed-ply|splat|spz|sog|glb|html|delta|sequence", "output format", 0, 0, 0},
     {"for", SV_OPT_WORD, LAB_EXPORT, 0, AT(viewer), "supersplat|brush|niantic|blender",
      "turn the model to the up axis of that viewer (ply, splat: as trained)", 0, 0, 0},
     {"crop", SV_OPT_TEXT, LAB_EXPORT, 0, AT(crop), "BOX|SPHERE",
@@ -255,15 +256,16 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
                      o->motion);
   if (c->bit == LAB_EXPORT && o->spz_version > 0 && strcmp(o->format, "spz") != 0)
     return lab_usage(c->name, "--spz-version needs --format spz");
-  if (c->bit == LAB_EXPORT && o->frames > 0 && strcmp(o->format, "delta") != 0)
-    return lab_usage(c->name, "--frames needs --format delta");
-  if (c->bit == LAB_EXPORT && !strcmp(o->format, "delta") &&
-      (o->up || o->viewer || o->crop || o->is_supported))
-    return lab_usage(c->name, "--%s has no effect with --format delta",
-                     o->up       ? "up"
-                     : o->viewer ? "for"
-                     : o->crop   ? "crop"
-                                 : "keep-supported");
+  if (c->bit == LAB_EXPORT && o->frames > 0 && !strcmp(o->format, "html"))
+    return lab_usage(c->name, "--frames has no effect with --format html");
+  const bool is_moving =
+      c->bit == LAB_EXPORT && (!strcmp(o->format, "delta") || !strcmp(o->format, "sequence"));
+  if (is_moving && (o->viewer || o->crop || o->is_supported))
+    return lab_usage(c->name, "--%s has no effect with --format %s",
+                     o->viewer ? "for"
+                     : o->crop ? "crop"
+                               : "keep-supported",
+                     o->format);
   if (c->bit == LAB_EXPORT && o->is_supported != (o->data != NULL))
     return lab_usage(c->name, "--keep-supported and --data need each other");
   if (c->bit == LAB_EXPORT && o->min_views > 0 && !o->is_supported)

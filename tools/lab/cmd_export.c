@@ -8,6 +8,7 @@
 #include "tools/lab/export_sog.h"
 #include "tools/lab/lab.h"
 #include "tools/lab/model_formats.h"
+#include "tools/lab/sequence.h"
 #include "tools/pictures/supported.h"
 
 // The up axis that a file of this format has where it is opened; NULL: that of the model. SPZ and
@@ -74,27 +75,51 @@ static sv_status crop(lab_model *m, const char *text, sv_err *err) {
 
 // --- the command ---------------------------------------------------------------------------------
 
-static sv_status write_as(const lab_options *o, lab_model *m, lab_session *se, sv_err *err) {
-  if (o->up) sv_copy(m->up, sizeof m->up, o->up); // better known than said in the file
-  if (sv_str_eq(o->format, "delta"))
-    return lab_write_delta(m, se, o->frames > 0 ? (int)o->frames : 25, o->out, err);
+#define N_FRAMES 25 // of delta and sequence, unless --frames says otherwise
+
+// One still model, or one instant of a moving one.
+static sv_status write_still(const lab_options *o, lab_model *m, lab_session *se, const char *path,
+                             sv_err *err) {
   sv_status s = o->is_supported ? lab_keep_supported(m, o, se, err) : SV_OK;
   if (s == SV_OK && o->crop) s = crop(m, o->crop, err);
   if (s != SV_OK) return s;
   turn(m, up_of_viewer(o));
   const sv_model_notes notes = lab_model_notes(m);
   int version = o->spz_version > 0 ? (int)o->spz_version : 4;
-  if (sv_str_eq(o->format, "splat")) return lab_write_splat(&m->g, o->out, err);
+  if (sv_str_eq(o->format, "splat")) return lab_write_splat(&m->g, path, err);
   if (sv_str_eq(o->format, "html")) {
     lab_settings st;
     s = lab_settings_for(&st, o, m, err);
-    return s == SV_OK ? lab_write_html(m, &st, o->out, err) : s;
+    return s == SV_OK ? lab_write_html(m, &st, path, err) : s;
   }
-  if (sv_str_eq(o->format, "sog")) return lab_write_sog(&m->g, m->is_mip, &se->pool, o->out, err);
-  if (sv_str_eq(o->format, "spz")) return lab_write_spz(&m->g, m->is_mip, version, notes.up, o->out, err);
-  if (sv_str_eq(o->format, "glb")) return lab_write_glb(&m->g, notes.up, o->out, err);
-  if (sv_str_eq(o->format, "compressed-ply")) return lab_write_compressed_ply(&m->g, &notes, o->out, err);
-  return lab_model_write(&m->g, &notes, o->out, err);
+  if (sv_str_eq(o->format, "sog")) return lab_write_sog(&m->g, m->is_mip, &se->pool, path, err);
+  if (sv_str_eq(o->format, "spz")) return lab_write_spz(&m->g, m->is_mip, version, notes.up, path, err);
+  if (sv_str_eq(o->format, "glb")) return lab_write_glb(&m->g, notes.up, path, err);
+  if (sv_str_eq(o->format, "compressed-ply")) return lab_write_compressed_ply(&m->g, &notes, path, err);
+  return lab_model_write(&m->g, &notes, path, err);
+}
+
+static const char *extension_of(const char *format) {
+  return sv_str_eq(format, "compressed-ply") ? ".compressed.ply"
+         : sv_str_eq(format, "spz")          ? ".spz"
+         : sv_str_eq(format, "sog")          ? ".sog"
+         : sv_str_eq(format, "glb")          ? ".glb"
+         : sv_str_eq(format, "splat")        ? ".splat"
+                                             : ".ply";
+}
+
+static sv_status write_as(const lab_options *o, lab_model *m, lab_session *se, sv_err *err) {
+  const int n_frames = o->frames > 0 ? (int)o->frames : N_FRAMES;
+  if (o->up) sv_copy(m->up, sizeof m->up, o->up); // better known than said in the file
+  if (sv_str_eq(o->format, "delta")) return lab_write_delta(m, se, n_frames, o->out, err);
+  if (sv_str_eq(o->format, "sequence")) {
+    lab_settings st;
+    sv_status s = lab_settings_for(&st, o, m, err);
+    return s == SV_OK ? lab_write_sequence(m, se, &st, n_frames, o->out, err) : s;
+  }
+  const lab_frames frames = {
+      .o = o, .n = n_frames, .folder = o->out, .extension = extension_of(o->format), .write = write_still};
+  return o->frames > 0 ? lab_write_frames(m, se, &frames, err) : write_still(o, m, se, o->out, err);
 }
 
 int lab_cmd_export(const lab_options *o) {

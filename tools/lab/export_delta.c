@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // A moving model as a "delta PLY", as Brush plays it: the base model, and after its vertices for
-// each frame k an element delta_vertex_k with what is added to x y z, scale and rot. There is no
-// place in it for changes of color and opacity: a Gaussian that has faded away at a frame is made
-// vanishingly small there.
+// each frame k an element delta_vertex_k with what is added to x y z, scale and rot. Behind them
+// stand the differences of color and opacity, which Brush skips: for its sake a Gaussian that has
+// faded away at a frame is made vanishingly small there, too.
 #include <stdlib.h>
 #include <string.h>
 
@@ -11,7 +11,7 @@
 #include "src/splat/model_file.h"
 #include "tools/lab/model_formats.h"
 
-#define N_DELTA  10     // floats a vertex: x y z, scale_0..2, rot_0..3
+#define N_DELTA  14     // floats a vertex: x y z, scale_0..2, rot_0..3, f_dc_0..2, opacity
 #define FADED    2.0f   // a logit so far below the stored one is gone
 #define VANISHED -12.0f // added to a log-scale
 
@@ -36,8 +36,9 @@ static size_t header_bytes(const memory *m) { // up to the line end_header
 }
 
 static sv_status write_header(const memory *base, sv_file *f, int n_gaussians, int n_frames, sv_err *err) {
-  static const char *const names[N_DELTA] = {"x",       "y",     "z",     "scale_0", "scale_1",
-                                             "scale_2", "rot_0", "rot_1", "rot_2",   "rot_3"};
+  static const char *const names[N_DELTA] = {"x",       "y",      "z",      "scale_0", "scale_1",
+                                             "scale_2", "rot_0",  "rot_1",  "rot_2",   "rot_3",
+                                             "f_dc_0",  "f_dc_1", "f_dc_2", "opacity"};
   char line[64];
   sv_status s = sv_file_append(f, base->data, header_bytes(base), err);
   for (int k = 0; k < n_frames; k++) {
@@ -53,7 +54,8 @@ static sv_status write_header(const memory *base, sv_file *f, int n_gaussians, i
 }
 
 static void delta_of(const lab_model *m, int i, uint8_t out[4 * N_DELTA]) {
-  static const int rows[N_DELTA] = {0, 1, 2, SV_ROW_SCALE, SV_ROW_SCALE + 1, SV_ROW_SCALE + 2, 3, 4, 5, 6};
+  static const int rows[N_DELTA] = {0, 1, 2, SV_ROW_SCALE, SV_ROW_SCALE + 1, SV_ROW_SCALE + 2, 3,
+                                    4, 5, 6, SV_ROW_SH,    SV_ROW_SH + 1,    SV_ROW_SH + 2,    SV_ROW_LOGIT};
   const float *p = sv_gaussians_at(&m->g, i, 0), *q = m->g.moved + (p - m->g.param);
   bool is_moving = i < m->g.n_moved;
   bool is_gone = is_moving && q[16 * SV_ROW_LOGIT] < p[16 * SV_ROW_LOGIT] - FADED;
@@ -65,10 +67,10 @@ static void delta_of(const lab_model *m, int i, uint8_t out[4 * N_DELTA]) {
 
 static sv_status write_frames(lab_model *m, const lab_session *se, sv_file *f, int n_frames, sv_err *err) {
   uint8_t row[4 * N_DELTA];
+  const lab_motion motion = lab_model_motion(m);
   sv_status s = SV_OK;
-  for (int k = 0; k < n_frames; k++) {
-    sv_deform_at(&m->deform, &(sv_compute){&se->k, &se->pool}, &m->g,
-                 n_frames > 1 ? (float)k / (float)(n_frames - 1) : 0.0f);
+  for (int k = 0; k < n_frames && s == SV_OK; k++) {
+    s = lab_motion_at(&motion, se, &m->g, (float)k / (float)(n_frames - 1), err);
     for (int i = 0; i < m->g.n && s == SV_OK; i++) {
       delta_of(m, i, row);
       s = sv_file_append(f, row, sizeof row, err);
@@ -87,7 +89,8 @@ sv_status lab_write_delta(lab_model *m, const lab_session *se, int n_frames, con
                             .has_normals = true};
   sv_ply_writer w;
   sv_file f;
-  if (!m->deform.kind) return sv_fail(err, SV_E_NOT_FOUND, "the model is static: no motion.bin beside it");
+  if (!m->deform.kind && !m->sequence)
+    return sv_fail(err, SV_E_NOT_FOUND, "the model is static: no motion.bin beside it");
   memory base = {.cap = sv_ply_file_bytes(&o) + 64};
   if (!(base.data = malloc(base.cap))) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its base", path);
   const sv_model_notes notes = lab_model_notes(m);

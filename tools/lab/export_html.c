@@ -97,7 +97,7 @@ static sv_status write(const char *path, const char *model, sv_err *err) {
 }
 
 sv_status lab_write_html(const lab_model *m, const lab_settings *st, const char *path, sv_err *err) {
-  if (m->deform.kind)
+  if (m->deform.kind || m->sequence)
     return sv_fail(err, SV_E_UNSUPPORTED, "%s: the model moves; --format html is for still ones", path);
   sv_feed_model *f = snapshot(m, st);
   uint8_t *packed = f ? malloc(pv_compact_bytes(f)) : NULL;

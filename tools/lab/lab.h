@@ -72,7 +72,20 @@ typedef struct {
   uint64_t digest;    // as sv_train_digest
   sv_deform deform;   // of motion.bin beside the model; kind NONE without
   void *deform_block;
+  struct lab_sequence *sequence; // of a model that was read from a sequence; else NULL
 } lab_model;
+
+// What takes Gaussians to a time; all NULL: they are still.
+typedef struct lab_sequence lab_sequence;
+typedef struct {
+  sv_deform *deform;
+  lab_sequence *sequence;
+} lab_motion;
+lab_motion lab_model_motion(lab_model *m);
+static inline bool lab_moves(const lab_motion *m) { return m->deform || m->sequence; }
+// g is rendered as it is at time t, 0 to 1, until the next call. Fails for a damaged sequence.
+sv_status lab_motion_at(const lab_motion *m, const lab_session *s, sv_gaussians *g, float t,
+                        sv_err *err) SV_MUST_USE;
 
 sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) SV_MUST_USE;
 void lab_model_free(lab_model *m);

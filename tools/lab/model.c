@@ -11,6 +11,7 @@
 #include "src/train/driver.h"
 #include "tools/lab/lab.h"
 #include "tools/lab/model_formats.h"
+#include "tools/lab/sequence.h"
 
 // --- the model file ------------------------------------------------------------------------------
 
@@ -91,6 +92,13 @@ sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
   memset(m, 0, sizeof *m);
   sv_status s = sv_file_read(path, &data, &bytes, err);
   if (s != SV_OK) return s;
+  if (lab_is_sequence(data, bytes)) {
+    s = lab_read_sequence(m, &(sv_file_data){path, data, bytes}, err);
+    if (s != SV_OK) free(data);
+    if (s != SV_OK) lab_model_free(m);
+    else m->digest = sv_gaussians_digest(&m->g);
+    return s;
+  }
   bool is_ply = !lab_is_viewer_format(path, data, bytes);
   if (!is_ply)
     s = lab_read_viewer_format(&m->g, &m->is_mip, &m->block, &(sv_file_data){path, data, bytes}, err);
@@ -118,7 +126,18 @@ sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
 void lab_model_free(lab_model *m) {
   free(m->block);
   free(m->deform_block);
+  lab_sequence_free(m->sequence);
   memset(m, 0, sizeof *m);
+}
+
+lab_motion lab_model_motion(lab_model *m) {
+  return (lab_motion){.deform = m->deform.kind ? &m->deform : NULL, .sequence = m->sequence};
+}
+
+sv_status lab_motion_at(const lab_motion *m, const lab_session *s, sv_gaussians *g, float t, sv_err *err) {
+  if (m->sequence) return lab_sequence_at(m->sequence, g, t, err);
+  if (m->deform) sv_deform_at(m->deform, &(sv_compute){&s->k, &s->pool}, g, t);
+  return SV_OK;
 }
 
 sv_model_notes lab_model_notes(const lab_model *m) {

@@ -34,6 +34,16 @@ void lab_turn_back(lab_model *m, lab_session *s, const char *path, const char *u
 sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, const sv_file_data *file,
                                  sv_err *err) SV_MUST_USE;
 
+// A moving model as numbered still ones in a folder: frame_0000.EXTENSION and on
+// (export_frames.c). `write` writes the model as it is at a time.
+typedef struct {
+  const lab_options *o;
+  int n; // at least 2, evenly from time 0 to 1
+  const char *folder, *extension;
+  sv_status (*write)(const lab_options *o, lab_model *m, lab_session *se, const char *path, sv_err *err);
+} lab_frames;
+sv_status lab_write_frames(lab_model *m, lab_session *se, const lab_frames *f, sv_err *err) SV_MUST_USE;
+
 #ifdef __cplusplus
 }
 #endif

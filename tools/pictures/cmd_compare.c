@@ -151,7 +151,7 @@ static sv_status add_model(run *r, int i, sv_err *err) {
   lab_turn_back(&r->model, &r->session, one.model, NULL, &r->views);
   lab_eval_job job = {.session = &r->session,
                       .g = &r->model.g,
-                      .deform = r->model.deform.kind ? &r->model.deform : NULL,
+                      .motion = lab_model_motion(&r->model),
                       .on_view = draw_view,
                       .of = r,
                       .render = lab_render_options(&st, r->model.g.sh_degree, false)};

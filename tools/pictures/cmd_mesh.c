@@ -67,7 +67,7 @@ static sv_status make(run *r, sv_err *err) {
   if (!lab_mesh_is_format(r->o->out))
     return sv_fail(err, SV_E_ARG, "%s: expected a name that ends in .ply, .obj or .glb", r->o->out);
   sv_status s = prepare(r, err);
-  if (s == SV_OK && r->surface.model.deform.kind)
+  if (s == SV_OK && (r->surface.model.deform.kind || r->surface.model.sequence))
     s = sv_fail(err, SV_E_UNSUPPORTED, "%s: moves; meshes are of still models", r->o->model);
   if (s == SV_OK) s = fuse(r, err);
   if (s != SV_OK) return s;

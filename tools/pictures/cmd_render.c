@@ -76,9 +76,10 @@ static sv_status write_depth(run *r, const sv_view *v, const char *name, sv_err 
 static sv_status render_view(run *r, const sv_view *v, const char *name, sv_err *err) {
   char path[SV_CAP_PATH], file[SV_CAP_PATH];
   sv_render_options o = lab_render_options(&r->settings, r->model.g.sh_degree, r->o->has_depth);
-  if (r->model.deform.kind)
-    sv_deform_at(&r->model.deform, &(sv_compute){&r->session.k, &r->session.pool}, &r->model.g, v->time);
-  sv_status s = sv_render(&r->viewer.r, &r->model.g, v, &o);
+  const lab_motion motion = lab_model_motion(&r->model);
+  sv_status s = lab_motion_at(&motion, &r->session, &r->model.g, v->time, err);
+  if (s < 0) return s;
+  s = sv_render(&r->viewer.r, &r->model.g, v, &o);
   if (s < 0) return sv_fail(err, s, "view %s cannot be rendered: %s", name, sv_status_text(s));
   lab_to_bytes(&r->viewer.r.rgb, r->rgb);
   if (r->animation && (s = lab_animation_add(r->animation, r->rgb, err)) != SV_OK) return s;
@@ -207,7 +208,7 @@ static sv_status render_all(run *r, sv_err *err) {
   sv_console *c = &r->session.console;
   sv_status s = prepare(r, err);
   if (s != SV_OK) return s;
-  if (is_film(r) && !r->model.deform.kind)
+  if (is_film(r) && !r->model.deform.kind && !r->model.sequence)
     return sv_fail(err, SV_E_NOT_FOUND,
                    "%s: is static (no motion.bin beside it); --frames needs a moving model", r->o->model);
   int n = n_pictures(r);

@@ -62,7 +62,7 @@ sv_status lab_keep_supported(lab_model *m, const lab_options *o, lab_session *se
   lab_surface *u = calloc(1, sizeof *u);
   int *n_seen = calloc((size_t)m->g.n, sizeof *n_seen);
   sv_status s = u && n_seen ? SV_OK : sv_fail(err, SV_E_NOMEM, "no memory for %d Gaussians", m->g.n);
-  if (s == SV_OK && m->deform.kind)
+  if (s == SV_OK && (m->deform.kind || m->sequence))
     s = sv_fail(err, SV_E_UNSUPPORTED, "%s: moves; --keep-supported is for still models", o->model);
   if (s == SV_OK) s = lab_surface_open(u, o, se, "train", err);
   if (s == SV_OK) s = count_views(u, se, n_seen, err);

@@ -71,7 +71,7 @@ static sv_status evaluate(run *r, sv_err *err) {
                       .shared_with = others,
                       .n_shared = n_others,
                       .g = &r->model.g,
-                      .deform = r->model.deform.kind ? &r->model.deform : NULL,
+                      .motion = lab_model_motion(&r->model),
                       .has_lpips = r->o->has_lpips,
                       .mask_from = r->o->mask ? &train : NULL,
                       .render = lab_render_options(&r->settings, r->model.g.sh_degree, r->views.has_depth)};

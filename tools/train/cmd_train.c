@@ -363,11 +363,12 @@ static sv_status evaluate(run *r, sv_err *err) {
                       .has_lpips = r->o->has_lpips,
                       .mask_from = r->o->mask ? &train : NULL};
   job.render.has_depth = v.has_depth;
-  job.deform = r->plan.trainer.cfg.has_motion ? &r->plan.dynamic.deform : NULL;
+  job.motion.deform = r->plan.trainer.cfg.has_motion ? &r->plan.dynamic.deform : NULL;
   if (s == SV_OK) s = lab_evaluate(&v, &job, &r->scores, err);
   lab_views_free(&v);
   r->has_scores = s == SV_OK;
-  if (s == SV_OK && job.deform) { // the paper's protocol: held-out frames of the training cameras
+  // The paper's protocol: held-out frames of the training cameras.
+  if (s == SV_OK && job.motion.deform) {
     src.split = "test_time";
     job.panel_folder = NULL;
     job.mask_from = NULL;

@@ -154,10 +154,9 @@ static void load_task(void *arg, int i_task, int i_thread) {
 
 static sv_status render_slot(run *r, slot *s, const lab_frame *f, sv_err *err) {
   const sv_planes *p = &r->viewer.r.rgb;
-  if (r->job->deform)
-    sv_deform_at(r->job->deform, &(sv_compute){&r->job->session->k, &r->job->session->pool}, r->job->g,
-                 f->view.time);
-  sv_status st = sv_render(&r->viewer.r, r->job->g, &f->view, &r->job->render);
+  sv_status st = lab_motion_at(&r->job->motion, r->job->session, r->job->g, f->view.time, err);
+  if (st < 0) return st;
+  st = sv_render(&r->viewer.r, r->job->g, &f->view, &r->job->render);
   if (st < 0) return sv_fail(err, st, "%s: the view cannot be rendered", f->path);
   size_t w = (size_t)f->view.width_px, h = (size_t)f->view.height_px;
   for (size_t c = 0; c < 3; c++)

@@ -25,7 +25,7 @@ typedef struct {
 typedef struct {
   lab_session *session;
   sv_gaussians *g;
-  sv_deform *deform;        // takes g to each view's time; NULL: nothing moves
+  lab_motion motion;        // takes g to each view's time
   sv_render_options render; // has_depth: compare depth, too
   // NULL, or where n_panels images "truth | render" (with masks: "| seen") go
   const char *panel_folder;
