@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/deform/deform_sequence.h"
 #include "src/train/checkpoint.h"
 #include "src/train/seed.h"
 
@@ -69,12 +70,15 @@ static bool is_handheld(const sv_app_cfg *c) {
   return c->is_tracking && sv_odometry_can(c->rig, c->n_exposures);
 }
 
-// Of the start: the driver's, and before it the views in a row.
+// Of the start: the driver's, and before it the views in a row. At the end: a sequence's.
 static size_t scratch_bytes(const sv_app_cfg *c, const sv_train_cfg *t) {
   const size_t start = sv_driver_scratch_bytes(t, t->n_gaussians),
                views =
                    (size_t)c->n_exposures * (size_t)c->rig->n_sub_views * sizeof(sv_view) + SV_ARENA_ALIGN;
-  return start > views ? start : views;
+  const size_t most = start > views ? start : views,
+               sequence =
+                   sv_app_has_sequence(c) ? sv_deform_sequence_bytes(t->n_gaussians, sv_app_n_frames(c)) : 0;
+  return most > sequence + SV_ARENA_ALIGN ? most : sequence + SV_ARENA_ALIGN;
 }
 
 static void show_frame(void *self, const sv_frame *f) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: sv_app is.
-// The files of a run, handed to the port's store: model.ply, motion.bin, poses.json,
+// The files of a run, handed to the port's store: model.ply, motion.bin, model.svseq, poses.json,
 // checkpoint.bin, run.json. Owns the buffers that they are written from and read into. Never
 // touches a file system, and leaves an older file whole until the new one is complete.
 #ifndef SV_RUN_FILES_H
@@ -17,6 +17,7 @@ typedef struct sv_app sv_app;
 typedef enum {
   SV_APP_FILE_MODEL,
   SV_APP_FILE_MOTION,
+  SV_APP_FILE_SEQUENCE, // of a moving scene, unless capturing goes on
   SV_APP_FILE_POSES,
   SV_APP_FILE_CHECKPOINT,
   SV_APP_FILE_REPORT,

@@ -67,6 +67,9 @@ sv_dynamic_cfg sv_app_dynamic_cfg(const sv_app_cfg *c) {
   return d;
 }
 
+bool sv_app_has_sequence(const sv_app_cfg *cfg) { return cfg->is_dynamic && !cfg->is_continuous; }
+int sv_app_n_frames(const sv_app_cfg *cfg) { return cfg->n_exposures < 2 ? 2 : cfg->n_exposures; }
+
 float sv_app_time_of(const sv_app *app, sv_ns time_ns) {
   if (!app->cfg.is_dynamic) return 0;
   if (app->cfg.is_continuous) return (float)sv_ns_to_s(time_ns - app->moving.first_ns);

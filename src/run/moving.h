@@ -25,6 +25,9 @@ typedef struct {
 // The trainer's settings of a moving scene, and those of its motion (none when the scene is still).
 void sv_app_plan_moving(const sv_app_cfg *cfg, sv_train_cfg *t);
 sv_dynamic_cfg sv_app_dynamic_cfg(const sv_app_cfg *cfg);
+// Whether the run saves a sequence (model.svseq), and how many frames it has.
+bool sv_app_has_sequence(const sv_app_cfg *cfg);
+int sv_app_n_frames(const sv_app_cfg *cfg);
 // The model's time of a moment of the cameras' host time.
 float sv_app_time_of(const sv_app *app, sv_ns time_ns);
 void sv_app_begin_moving(sv_app *app); // all exposures are there, training begins

@@ -5,7 +5,9 @@
 
 #include "src/run/app.h"
 #include "src/base/mathx.h"
+#include "src/base/str.h"
 #include "src/deform/deform_file.h"
+#include "src/deform/deform_sequence.h"
 #include "src/format/axes.h"
 #include "src/train/checkpoint.h"
 
@@ -17,8 +19,8 @@
 #define CAP_DOUBLINGS 6                    // 64 s between two tries while training
 
 const char *sv_app_file_name(sv_app_file f) {
-  static const char *const names[SV_APP_N_FILES] = {"model.ply", "motion.bin", "poses.json", CHECKPOINT,
-                                                    "run.json"};
+  static const char *const names[SV_APP_N_FILES] = {"model.ply",  "motion.bin", "model.svseq",
+                                                    "poses.json", CHECKPOINT,   "run.json"};
   return names[f];
 }
 
@@ -40,6 +42,27 @@ static sv_status write_model(sv_app *app, sv_sink sink, sv_err *err) {
   return sv_model_write_ply(&app->trainer.g, &notes, sink, &app->files.ply, err);
 }
 
+// A frame for each exposure; the Gaussians then stand where they stood.
+static sv_status write_sequence(sv_app *app, sv_sink sink, sv_err *err) {
+  sv_trainer *t = &app->trainer;
+  float up[3];
+  sv_arena scratch = app->scratch;
+  sv_sequence_head h = {.n_frames = (uint32_t)sv_app_n_frames(&app->cfg),
+                        .is_mip = t->cfg.is_antialiased,
+                        .is_metric = sv_app_is_metric(app),
+                        .dilation_px2 = t->cfg.dilation_px2,
+                        .seconds = (float)sv_ns_to_s(app->moving.last_ns - app->moving.first_ns),
+                        .radius = t->radius};
+  void *state = SV_TAKE(&scratch, uint8_t, sv_deform_sequence_bytes(t->g.n, (int)h.n_frames));
+  if (!state) return sv_fail(err, SV_E_NOMEM, "model.svseq: no memory for %u frames", h.n_frames);
+  memcpy(h.centre, t->centre, sizeof h.centre);
+  sv_pictures_up(t, up);
+  sv_copy(h.up, sizeof h.up, sv_up_name(up));
+  sv_status s = sv_deform_write_sequence(&app->dynamic.deform, &t->compute, &t->g, &h, state, sink, err);
+  sv_deform_at(&app->dynamic.deform, &t->compute, &t->g, app->dynamic.time);
+  return s;
+}
+
 // A large file on a slow disk is progress, too.
 typedef struct {
   sv_app *app;
@@ -57,6 +80,7 @@ static sv_status write_file(sv_app *app, sv_app_file f, sv_sink sink, sv_err *er
   switch (f) {
   case SV_APP_FILE_MODEL: return write_model(app, sink, err);
   case SV_APP_FILE_MOTION: return sv_deform_write(&app->dynamic.deform, &app->trainer.g, sink, err);
+  case SV_APP_FILE_SEQUENCE: return write_sequence(app, sink, err);
   case SV_APP_FILE_POSES: return sv_app_write_poses(app, sink, err);
   case SV_APP_FILE_CHECKPOINT: return sv_checkpoint_write(&app->trainer, sink, err);
   default: return sink.write(sink.self, files->report, files->report_bytes, err);
@@ -146,6 +170,7 @@ static sv_status put_once(sv_app *app, sv_app_file f, sv_err *err) {
 static sv_status save_each(sv_app *app, put_fn put_file, sv_err *err) {
   const bool is_wanted[SV_APP_N_FILES] = {[SV_APP_FILE_MODEL] = true,
                                           [SV_APP_FILE_MOTION] = app->cfg.is_dynamic,
+                                          [SV_APP_FILE_SEQUENCE] = sv_app_has_sequence(&app->cfg),
                                           [SV_APP_FILE_POSES] = app->cfg.is_refining,
                                           [SV_APP_FILE_CHECKPOINT] = true};
   sv_status first = SV_OK;

@@ -5,57 +5,31 @@
 #include <string.h>
 
 #include "src/base/str.h"
-#include "src/format/sequence.h"
+#include "src/deform/deform_sequence.h"
 
 // --- writing -------------------------------------------------------------------------------------
 
-static float base_value(const void *self, uint32_t i, int row) { return *sv_gaussians_at(self, (int)i, row); }
-
-static float moved_value(const void *self, uint32_t i, int row) {
-  const sv_gaussians *g = self;
-  return g->moved[sv_gaussians_at(g, (int)i, row) - g->param];
-}
-
-static sv_status write_frames(lab_model *m, const lab_session *se, sv_sequence_writer *w, sv_err *err) {
-  const lab_motion motion = lab_model_motion(m);
-  sv_status s = SV_OK;
-  for (uint32_t k = 0; k < w->head.n_frames && s == SV_OK; k++) {
-    s = lab_motion_at(&motion, se, &m->g, (float)k / (float)(w->head.n_frames - 1), err);
-    if (s == SV_OK) s = sv_sequence_frame(w, err);
-  }
-  return s == SV_OK ? sv_sequence_end(w, err) : s;
-}
-
 sv_status lab_write_sequence(lab_model *m, const lab_session *se, const lab_settings *st, int n_frames,
                              const char *path, sv_err *err) {
-  sv_sequence_head h = {.n = (uint32_t)m->g.n,
-                        .n_frames = (uint32_t)n_frames,
-                        .group = (uint32_t)(n_frames < SV_SEQUENCE_GROUP ? n_frames : SV_SEQUENCE_GROUP),
-                        .sh_degree = m->g.sh_degree,
+  sv_sequence_head h = {.n_frames = (uint32_t)n_frames,
                         .is_mip = m->is_mip,
                         .is_metric = m->is_metric,
                         .dilation_px2 = m->dilation_px2,
                         .radius = st->radius};
-  const sv_sequence_source source = {&m->g, base_value, moved_value};
-  const lab_motion motion = lab_model_motion(m);
-  sv_sequence_writer w;
   sv_file f;
-  if (!lab_moves(&motion))
-    return sv_fail(err, SV_E_NOT_FOUND, "the model is static: no motion.bin beside it");
-  sv_status s = lab_motion_at(&motion, se, &m->g, 0, err);
-  if (s != SV_OK) return s;
-  h.n_moving = (uint32_t)m->g.n_moved;
+  if (!m->deform.kind) return sv_fail(err, SV_E_NOT_FOUND, "the model is static: no motion.bin beside it");
   memcpy(h.centre, st->centre, sizeof h.centre);
   sv_copy(h.up, sizeof h.up, m->up);
-  void *state = malloc(sv_sequence_writer_bytes(&h) + 8);
-  if (!state) return sv_fail(err, SV_E_NOMEM, "%s: no memory for %d Gaussians", path, m->g.n);
-  if ((s = sv_file_begin(&f, path, err)) == SV_OK) {
-    s = sv_sequence_begin(&w, &h, &source, state, (sv_sink){&f, sv_file_append}, err);
-    if (s == SV_OK) s = write_frames(m, se, &w, err);
+  void *scratch = malloc(sv_deform_sequence_bytes(m->g.n, n_frames) + 8);
+  if (!scratch) return sv_fail(err, SV_E_NOMEM, "%s: no memory for %d Gaussians", path, m->g.n);
+  sv_status s = sv_file_begin(&f, path, err);
+  if (s == SV_OK) {
+    s = sv_deform_write_sequence(&m->deform, &(sv_compute){&se->k, &se->pool}, &m->g, &h, scratch,
+                                 (sv_sink){&f, sv_file_append}, err);
     if (s == SV_OK) s = sv_file_commit(&f, err);
     else sv_file_abandon(&f);
   }
-  free(state);
+  free(scratch);
   return s;
 }
 
