@@ -27,6 +27,7 @@ EMBED(calibrate_js, "calibrate.js");
 EMBED(paint_js, "paint.js");
 EMBED(sorter_js, "sorter.js");
 EMBED(raster_js, "raster.js");
+EMBED(sequence_js, "sequence.js");
 EMBED(icon_svg, "icon.svg");
 EMBED(viewer_html, "viewer.html");
 
@@ -44,12 +45,14 @@ const pv_page *pv_bundle(int i) {
                             {"/calibrate.js", "text/javascript; charset=utf-8", pv_calibrate_js, 0},
                             {"/paint.js", "text/javascript; charset=utf-8", pv_paint_js, 0},
                             {"/raster.js", "text/javascript; charset=utf-8", pv_raster_js, 0},
+                            {"/sequence.js", "text/javascript; charset=utf-8", pv_sequence_js, 0},
                             {"/sorter.js", "text/javascript; charset=utf-8", pv_sorter_js, 0},
                             {"/icon.svg", "image/svg+xml", pv_icon_svg, 0}};
-  static const char *const ends[] = {pv_page_html_end, pv_page_css_end,  pv_page_js_end,      pv_view_js_end,
-                                     pv_plots_js_end,  pv_tools_js_end,  pv_scans_js_end,     pv_dome_js_end,
-                                     pv_shared_js_end, pv_pair_js_end,   pv_calibrate_js_end, pv_paint_js_end,
-                                     pv_raster_js_end, pv_sorter_js_end, pv_icon_svg_end};
+  static const char *const ends[] = {
+      pv_page_html_end, pv_page_css_end,    pv_page_js_end,      pv_view_js_end,
+      pv_plots_js_end,  pv_tools_js_end,    pv_scans_js_end,     pv_dome_js_end,
+      pv_shared_js_end, pv_pair_js_end,     pv_calibrate_js_end, pv_paint_js_end,
+      pv_raster_js_end, pv_sequence_js_end, pv_sorter_js_end,    pv_icon_svg_end};
   if (i < 0 || i >= (int)(sizeof pages / sizeof *pages)) return NULL;
   pages[i].bytes = (size_t)(ends[i] - pages[i].text);
   return &pages[i];

@@ -79,9 +79,42 @@ static void add_name(const pv_source *s, struct MHD_Response *r, uint32_t number
   MHD_add_response_header(r, "Content-Disposition", text);
 }
 
-static pv_answer send_file(int fd, uint64_t bytes, const char *name) {
+// Bytes [from, from + n) of a file (RFC 9110, section 14). from below 0: the last -from bytes.
+typedef struct {
+  int64_t from;
+  uint64_t n;
+  bool is_part;
+} byte_range;
+
+static byte_range range_of(const char *text) {
+  const byte_range all = {0, UINT64_MAX, false};
+  long long first = 0, last = 0;
+  if (!text || strncmp(text, "bytes=", 6) != 0) return all;
+  text += 6;
+  const char *dash = strchr(text, '-');
+  if (!dash) return all;
+  const size_t n_first = (size_t)(dash - text), n_last = strlen(dash + 1);
+  if (n_first && (!sv_parse_int(text, n_first, &first) || first < 0)) return all;
+  if (n_last && (!sv_parse_int(dash + 1, n_last, &last) || last < 0)) return all;
+  if (!n_first) return n_last && last > 0 ? (byte_range){-last, (uint64_t)last, true} : all;
+  if (n_last && last < first) return all;
+  return (byte_range){first, n_last ? (uint64_t)(last - first) + 1 : UINT64_MAX, true};
+}
+
+// fd stands at the first byte.
+static pv_answer send_file(int fd, uint64_t file_bytes, const byte_range *range, const char *name) {
+  char text[96];
+  const uint64_t at =
+      range->from < 0
+          ? file_bytes - ((uint64_t)-range->from < file_bytes ? (uint64_t)-range->from : file_bytes)
+          : (uint64_t)range->from;
+  if (at >= file_bytes && range->is_part) {
+    close(fd);
+    return answer_of(MHD_HTTP_RANGE_NOT_SATISFIABLE, "the file ends before this\n");
+  }
+  const uint64_t bytes = range->n < file_bytes - at ? range->n : file_bytes - at;
   int *own = malloc(sizeof *own);
-  pv_answer a = {NULL, MHD_HTTP_OK, type_of(name)};
+  pv_answer a = {NULL, range->is_part ? MHD_HTTP_PARTIAL_CONTENT : MHD_HTTP_OK, type_of(name)};
   if (own) {
     *own = fd;
     a.response = MHD_create_response_from_callback(bytes, PIECE, read_file, own, close_file);
@@ -89,7 +122,12 @@ static pv_answer send_file(int fd, uint64_t bytes, const char *name) {
   if (!a.response) {
     free(own);
     close(fd);
+    return a;
   }
+  sv_fmt(text, sizeof text, "bytes %llu-%llu/%llu", (unsigned long long)at,
+         (unsigned long long)(at + bytes - 1), (unsigned long long)file_bytes);
+  if (range->is_part) MHD_add_response_header(a.response, "Content-Range", text);
+  MHD_add_response_header(a.response, "Accept-Ranges", "bytes");
   return a;
 }
 
@@ -201,7 +239,7 @@ static pv_answer get_list(pv_source *s) {
   return a;
 }
 
-pv_answer pv_scan_get(pv_source *s, const char *url) {
+pv_answer pv_scan_get(pv_source *s, const char *url, const char *range) {
   static const char *const made[] = {"model.splat", "model.spz", "model"};
   pv_scans_ask ask = {.op = PV_SCANS_OPEN};
   const char *name, *file;
@@ -212,10 +250,12 @@ pv_answer pv_scan_get(pv_source *s, const char *url) {
   for (int i = 0; i < 3; i++) is_made = is_made || !strcmp(name, made[i]);
   while (!is_made && (file = pv_scan_file_name((int)ask.file)) && strcmp(name, file) != 0) ask.file++;
   if (ask.file >= PV_N_SCAN_FILE) return answer_of(MHD_HTTP_NOT_FOUND, "no such page\n");
+  const byte_range part = range_of(is_made ? NULL : range);
+  ask.from = part.from;
   if (pv_scans_request(&s->scans, ask, &fd) != SV_OK) return failed(EIO);
   if (fd < 0) return failed(s->scans.answer.error);
   const uint64_t bytes = s->scans.answer.file_bytes;
-  pv_answer a = is_made ? convert(fd, bytes, name) : send_file(fd, bytes, name);
+  pv_answer a = is_made ? convert(fd, bytes, name) : send_file(fd, bytes, &part, name);
   if (a.code == MHD_HTTP_OK) add_name(s, a.response, ask.number, name);
   return a;
 }

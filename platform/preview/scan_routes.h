@@ -9,8 +9,9 @@
 #include "platform/preview/preview.h"
 
 // GET /scans: the list as JSON. GET /scan/NUMBER/NAME: a file of pv_scan_file_name, or model.splat,
-// model.spz and model (compact, for the view), made from model.ply.
-pv_answer pv_scan_get(pv_source *s, const char *url);
+// model.spz and model (compact, for the view), made from model.ply. range: the request's header
+// Range, of one range; NULL, or of any other form: all of the file. Only files have ranges.
+pv_answer pv_scan_get(pv_source *s, const char *url, const char *range);
 // POST /scan/NUMBER/delete /restore /purge. The newest scan stays while the run may write to it.
 pv_answer pv_scan_post(pv_source *s, const char *url);
 

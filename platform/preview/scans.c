@@ -11,7 +11,7 @@
 
 const char *pv_scan_file_name(int i) {
   static const char *const names[PV_N_SCAN_FILE] = {"model.ply", "preview.jpg", "run.json", "motion.bin",
-                                                    "mesh.ply",  "mesh.glb",    "mesh.obj"};
+                                                    "mesh.ply",  "mesh.glb",    "mesh.obj", "model.svseq"};
   return i < 0 || i >= PV_N_SCAN_FILE ? NULL : names[i];
 }
 

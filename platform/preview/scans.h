@@ -19,7 +19,7 @@ extern "C" {
 #endif
 
 #define PV_CAP_SCANS   256 // listed: the newest
-#define PV_N_SCAN_FILE 7   // pv_scan_file_name
+#define PV_N_SCAN_FILE 8   // pv_scan_file_name
 #define PV_UNDO_S      600 // a deleted scan can be restored so long, then it goes
 
 // Where scans are. name empty: FOLDER/0001, FOLDER/0002, ...; else FOLDER/NAME (number 1),
@@ -32,6 +32,7 @@ typedef enum { PV_SCANS_LIST, PV_SCANS_OPEN, PV_SCANS_DELETE, PV_SCANS_RESTORE, 
 
 typedef struct {
   uint32_t op, file, number;
+  int64_t from; // first byte to read; below 0: counted from the end
 } pv_scans_ask;
 
 typedef struct {

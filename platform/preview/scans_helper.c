@@ -149,6 +149,8 @@ static int open_file(int folder_fd, const char *base, const pv_scans_ask *ask, p
   int e = fd < 0 ? errno : 0;
   close(folder);
   if (!e && (fstat(fd, &st) != 0 || !S_ISREG(st.st_mode))) e = ENOENT;
+  const int64_t from = e || ask->from >= 0 ? ask->from : ask->from < -st.st_size ? 0 : st.st_size + ask->from;
+  if (!e && from && lseek(fd, (off_t)from, SEEK_SET) < 0) e = errno;
   if (e) {
     if (fd >= 0) close(fd);
     return e;

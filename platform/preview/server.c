@@ -381,7 +381,7 @@ static enum MHD_Result get(pv_server *s, struct MHD_Connection *c, const char *u
   }
   if (!strncmp(url, "/scan", 5)) {
     if (s->cfg.is_private && !has_token(s, c, true)) return refuse_token(c);
-    const pv_answer a = pv_scan_get(p, url);
+    const pv_answer a = pv_scan_get(p, url, header(c, "Range"));
     return finish(c, a.code, a.response, a.type);
   }
   static const char *const data[] = {"/state",       "/curve",       "/events",     "/stream",

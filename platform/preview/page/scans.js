@@ -3,7 +3,7 @@
 "use strict";
 const scans = { list: null, shown: 0 };
 const formats = [["model.ply", ".ply"], ["model.spz", ".spz"], ["model.splat", ".splat"]];
-const extras = [["mesh.glb", "mesh .glb"], ["mesh.ply", "mesh .ply"], ["mesh.obj", "mesh .obj"], ["motion.bin", "motion"]];
+const extras = [["mesh.glb", "mesh .glb"], ["mesh.ply", "mesh .ply"], ["mesh.obj", "mesh .obj"], ["motion.bin", "motion"], ["model.svseq", "sequence"]];
 
 async function load_scans() {
   try {
@@ -74,6 +74,7 @@ async function view_scan(scan) {
     const r = await fetch("/scan/" + scan.number + "/model");
     if (!r.ok) return say(await r.text());
     page.viewing = scan, view.clear(), view.load(await r.arrayBuffer());
+    if (scan.files["model.svseq"]) view.load_sequence("/scan/" + scan.number + "/model.svseq");
     show_page("scan"), show_clip(), show_viewing();
   } catch (e) {
     away(true);

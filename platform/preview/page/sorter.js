@@ -117,6 +117,7 @@ function go_with_body(b, i) {
 }
 
 function move(t) {
+  if (m.sequence) return m.sequence.move(m, t), (m.time = t);
   if (m.bodies) pose_bodies(m.bodies, t);
   const f = [m.n_pos, m.n_rot, m.n_colour].map((n) => functions(m.kind, n, t, m.t0));
   const add = (out, start, i, width, row, values) => {
@@ -327,9 +328,33 @@ function see(look) {
   postMessage(answer, parts);
 }
 
+// Frames of a moving model that stand in a file; those of a time are there before it is seen.
+async function open_sequence(url) {
+  if (typeof Sequence === "undefined") importScripts("/sequence.js");
+  const sequence = new Sequence(url), model = m;
+  try {
+    await sequence.open();
+    if (m !== model || sequence.n !== m.n) return;
+    (m.sequence = sequence), (m.moving = sequence.moving), (m.time = null);
+    postMessage({ sequence: { model: m.id, seconds: sequence.seconds || (sequence.frames - 1) / 12 } });
+  } catch (e) {
+    postMessage({ sequence: { model: model.id, error: e.message } });
+  }
+}
+async function see_frames(look) {
+  const model = m;
+  try {
+    await model.sequence.load(look.time);
+  } catch (e) {
+    (model.sequence = null), (model.moving = 0); // what is there stays
+  }
+  if (m === model) see(look);
+}
+
 onmessage = (e) => {
   if (e.data.buffer) m = decode(e.data.buffer, e.data.model);
-  if (e.data.look && m) see(e.data.look);
+  if (e.data.sequence && m) open_sequence(e.data.sequence);
+  if (e.data.look && m) m.sequence && !m.sequence.has(e.data.look.time) ? see_frames(e.data.look) : see(e.data.look);
   const ask = m && e.data.ask; // of the surface at a pixel, or of the extent
   if (!ask) return;
   if (ask.look) sort(ask.look.forward);

@@ -21,7 +21,7 @@ class SplatView {
     }
     this.plane = this.graphics ? null : this.canvas.getContext("2d");
     this.sorter = new Worker(SplatView.worker || "/sorter.js");
-    this.sorter.onmessage = (e) => (e.data.asked ? this.answer(e.data) : this.take(e.data));
+    this.sorter.onmessage = (e) => (e.data.asked ? this.answer(e.data) : e.data.sequence ? this.take_sequence(e.data.sequence) : this.take(e.data));
     new ResizeObserver(() => this.touch()).observe(this.canvas);
     this.listen();
     this.loop = this.loop.bind(this);
@@ -51,6 +51,17 @@ class SplatView {
     if (!this.camera || is_other) this.reset();
     this.see(), this.touch();
     return true;
+  }
+
+  // The frames of the loaded model, from a file that is read by ranges.
+  load_sequence(url) {
+    this.sorter.postMessage({ sequence: url });
+  }
+  take_sequence(s) {
+    if (s.model !== this.model || s.error) return;
+    this.clip = { first: 0, last: 1, seconds: s.seconds };
+    this.see(), this.touch();
+    if (this.on_time) this.on_time();
   }
 
   clear() {
