@@ -171,6 +171,18 @@ TEST(test_film) {
       "@ render --data s --transforms transforms_train_stereo.json --model m/model.ply --frames 2 --out f");
   says("ffmpeg -v error -i f/movie.mp4 -f framemd5 - | grep -vc '^#'", "2");
   says("ffmpeg -v error -i f/sheet.png -f framemd5 - | grep '#dimensions'", " 96x36");
+  // Films alone: two eyes side by side, which differ; depth without color.
+  run_well("@ render --model m/model.ply --orbit 3 --width 48 --frames 3 --film stereo --out eyes.webm");
+  says("ffmpeg -v error -i eyes.webm -f framemd5 - | grep '#dimensions'", " 96x36");
+  run_well(
+      "for x in 0 48; do ffmpeg -v error -y -i eyes.webm -vf crop=48:36:$x:0 -frames:v 1 eye$x.png; done");
+  assert_int_equal(run("cmp eye0.png eye48.png"), 1);
+  run_well("@ render --model m/model.ply --orbit 3 --width 48 --film depth --out depth.mp4");
+  says("ffmpeg -v error -i depth.mp4 -vf signalstats,metadata=print:key=lavfi.signalstats.SATMAX:file=- -f "
+       "null - | "
+       "grep SATMAX | sort -u",
+       "SATMAX=0");
+  says("@ render --model m/model.ply --orbit 3 --film depth --out x || true", "--film needs a film");
 }
 
 int main(void) {

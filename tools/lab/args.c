@@ -124,6 +124,11 @@ static const sv_option table[] = {
     {"width", SV_OPT_INT, LAB_RENDER, 0, AT(width_px), "PX",
      "orbit: image width; the aspect ratio is kept (the first camera's; without --data 640, 4:3)", 16, 8192,
      0},
+    {"film", SV_OPT_WORD, LAB_RENDER, 0, AT(film), "color|depth|stereo",
+     "what the frames of --out NAME.mp4, .webm or .webp show: color, depth as grey (near is white), or two "
+     "eyes "
+     "side by side for headsets (color)",
+     0, 0, 0},
     {"depth", SV_OPT_FLAG, LAB_EVAL | LAB_RENDER, 0, AT(has_depth), 0,
      "eval: fail if the views have no ground-truth depth; render: also write 16-bit depth PNGs", 0, 0, 0},
     {"mask", SV_OPT_WORD, LAB_TRAIN | LAB_EVAL, 0, AT(mask), "covisible",
@@ -198,7 +203,7 @@ static const sv_option table[] = {
      "print one JSON object on stdout", 0, 0, 0},
     {"quiet", SV_OPT_FLAG, ALL, 0, AT(is_quiet), 0, "no progress messages on stderr", 0, 0, 0},
     {"out", SV_OPT_TEXT, OUT, OUT, AT(out), "PATH",
-     "output folder (export, compare: output file; render: or NAME.mp4, NAME.webp)", 0, 0, 0},
+     "output folder (export, compare: output file; render: or NAME.mp4, NAME.webm, NAME.webp)", 0, 0, 0},
     {"help", SV_OPT_FLAG, ALL, 0, AT(is_help), 0, "show this help", 0, 0, 0},
     {"version", SV_OPT_FLAG, ALL, 0, AT(is_version), 0, "show the version", 0, 0, 0},
     {0, SV_OPT_OPERAND, LAB_IMPORT, LAB_IMPORT, AT(input), 0, "the folder to import", 0, 0, 0},
@@ -217,7 +222,7 @@ int lab_usage(const char *command, const char *fmt, ...) {
 
 bool lab_is_film(const char *path) {
   const char *kind = sv_path_extension(path);
-  return sv_str_eq(kind, ".mp4") || sv_str_eq(kind, ".webp");
+  return sv_str_eq(kind, ".mp4") || sv_str_eq(kind, ".webm") || sv_str_eq(kind, ".webp");
 }
 
 static int check_compare(const sv_tool_command *c, const lab_options *o) {
@@ -280,7 +285,9 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
   if (c->bit == LAB_RENDER && lab_is_film(o->out) && o->orbit < 0 && o->frames < 0)
     return lab_usage(c->name, "--out %.200s needs --orbit or --frames", o->out);
   if (c->bit == LAB_RENDER && lab_is_film(o->out) && o->has_depth)
-    return lab_usage(c->name, "--depth needs a folder as --out");
+    return lab_usage(c->name, "--depth needs a folder as --out; --film depth makes a film of it");
+  if (c->bit == LAB_RENDER && o->film && !lab_is_film(o->out))
+    return lab_usage(c->name, "--film needs a film as --out: NAME.mp4, NAME.webm or NAME.webp");
   if (o->width_px > 0 && o->orbit < 0) return lab_usage(c->name, "--width needs --orbit");
   return c->bit == LAB_COMPARE ? check_compare(c, o) : LAB_EXIT_OK;
 }

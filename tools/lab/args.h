@@ -41,6 +41,7 @@ typedef struct {
   long exposures, gaussians, sh, steps, scale, seed, threads, orbit, frames, keep, spz_version;
   double time_limit_s, baseline_m, focal_px, focus_m;
   const char *rig, *stream;
+  const char *film;  // of render
   double unit_m;     // 0: not given
   double distance_m; // of info
   double voxel;      // of mesh

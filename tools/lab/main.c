@@ -63,13 +63,14 @@ static const lab_command commands[] = {
       "  subview-lab info --rig rig --distance 1.5 --json",
       LAB_INFO},
      lab_cmd_info},
-    {{"render", "[--data DIR] --model FILE --out DIR|NAME.mp4|NAME.webp [options]",
+    {{"render", "[--data DIR] --model FILE --out DIR|NAME.mp4|NAME.webm|NAME.webp [options]",
       "render images of a model",
       "Writes a PNG for each view of a split, or for N views on a circle around the scene. With --depth "
       "also\n16-bit PNGs of the depth along the optical axis; views.json has their unit and each view's "
       "camera. Orbits\nand moving models are also written as an animated WebP, orbit.webp or movie.webp; "
-      "--out NAME.mp4 (by "
-      "ffmpeg)\nor NAME.webp writes the film alone. An orbit needs no dataset.",
+      "--out NAME.mp4 or NAME.webm (by "
+      "ffmpeg)\nor NAME.webp writes the film alone, with --film in depth or for two eyes. An orbit needs no "
+      "dataset.",
       "  subview-lab render --data blender_tree --model tree/model.ply --orbit 60 --out turn\n"
       "  subview-lab render --model tree/model.ply --orbit 120 --out tree.mp4",
       LAB_RENDER},

@@ -8,6 +8,7 @@
 #include "tools/pictures/animation.h"
 #include "tools/train/evaluate.h"
 #include "tools/lab/model_formats.h"
+#include "tools/pictures/film.h"
 #include "tools/pictures/movie.h"
 #include "tools/pictures/orbit.h"
 #include "tools/common/report.h"
@@ -28,7 +29,8 @@ typedef struct {
   lab_report list;
   lab_animation *animation; // NULL: none
   lab_video video;
-  uint8_t *rgb;
+  lab_film_kind film;
+  uint8_t *rgb, *frame; // of the view that is rendered; of the film
   uint16_t *z;
   float *depth;
   double depth_unit; // scene units of one step of a depth PNG
@@ -73,18 +75,53 @@ static sv_status write_depth(run *r, const sv_view *v, const char *name, sv_err 
   return s == SV_OK ? sv_bitmap_write_png(path, &b, err) : s;
 }
 
-static sv_status render_view(run *r, const sv_view *v, const char *name, sv_err *err) {
-  char path[SV_CAP_PATH], file[SV_CAP_PATH];
-  sv_render_options o = lab_render_options(&r->settings, r->model.g.sh_degree, r->o->has_depth);
+static sv_status draw(run *r, const sv_view *v, const char *name, sv_err *err) {
+  const bool has_depth = r->o->has_depth || r->film == LAB_FILM_DEPTH;
+  const sv_render_options o = lab_render_options(&r->settings, r->model.g.sh_degree, has_depth);
   const lab_motion motion = lab_model_motion(&r->model);
   sv_status s = lab_motion_at(&motion, &r->session, &r->model.g, v->time, err);
   if (s < 0) return s;
   s = sv_render(&r->viewer.r, &r->model.g, v, &o);
   if (s < 0) return sv_fail(err, s, "view %s cannot be rendered: %s", name, sv_status_text(s));
   lab_to_bytes(&r->viewer.r.rgb, r->rgb);
-  if (r->animation && (s = lab_animation_add(r->animation, r->rgb, err)) != SV_OK) return s;
-  if (r->video.pid && (s = lab_video_add(&r->video, r->rgb, err)) != SV_OK) return s;
-  if (lab_is_film(r->o->out)) return SV_OK;
+  return SV_OK;
+}
+
+static sv_status draw_eyes(run *r, const sv_view *v, const char *name, sv_err *err) {
+  sv_view eyes[2];
+  const size_t row = 3 * (size_t)v->width_px;
+  sv_status s = SV_OK;
+  lab_film_eyes(v, r->orbit.scene.distance, eyes);
+  for (size_t i = 0; i < 2 && s == SV_OK; i++) {
+    s = draw(r, &eyes[i], name, err);
+    for (size_t y = 0; y < (size_t)v->height_px; y++)
+      memcpy(r->frame + row * (2 * y + i), r->rgb + row * y, row);
+  }
+  return s;
+}
+
+static void draw_depth(run *r, const sv_view *v) {
+  const float d = r->orbit.scene.distance, reach = r->settings.radius;
+  const float near_far[2] = {d > 2 * reach ? d - reach : 0.5f * d, d + 2 * reach};
+  sv_render_expected_depth(&r->viewer.r, DEPTH_ALPHA_MIN, r->depth);
+  lab_film_depth(r->depth, (const int[2]){v->width_px, v->height_px}, (size_t)r->viewer.r.rgb.stride,
+                 near_far, r->frame);
+}
+
+// The picture of a view in r->frame or, of a film in color, in r->rgb; the film gets it.
+static sv_status film_view(run *r, const sv_view *v, const char *name, sv_err *err) {
+  sv_status s = r->film == LAB_FILM_STEREO ? draw_eyes(r, v, name, err) : draw(r, v, name, err);
+  if (s != SV_OK) return s;
+  if (r->film == LAB_FILM_DEPTH) draw_depth(r, v);
+  const uint8_t *frame = r->film == LAB_FILM_COLOR ? r->rgb : r->frame;
+  if (r->animation && (s = lab_animation_add(r->animation, frame, err)) != SV_OK) return s;
+  return r->video.pid ? lab_video_add(&r->video, frame, err) : SV_OK;
+}
+
+static sv_status render_view(run *r, const sv_view *v, const char *name, sv_err *err) {
+  char path[SV_CAP_PATH], file[SV_CAP_PATH];
+  sv_status s = film_view(r, v, name, err);
+  if (s != SV_OK || lab_is_film(r->o->out)) return s;
   snprintf(file, sizeof file, "%.900s.png", name);
   if ((s = sv_path_join(path, sizeof path, r->o->out, file, err)) != SV_OK) return s;
   sv_bitmap b = {
@@ -149,7 +186,8 @@ static sv_status prepare(run *r, sv_err *err) {
   r->rgb = malloc(3 * n);
   r->z = malloc(n * sizeof *r->z);
   r->depth = malloc(n * sizeof *r->depth);
-  if (!r->rgb || !r->z || !r->depth) return sv_fail(err, SV_E_NOMEM, "no memory for an image");
+  r->frame = malloc(6 * n);
+  if (!r->rgb || !r->z || !r->depth || !r->frame) return sv_fail(err, SV_E_NOMEM, "no memory for an image");
   return lab_is_film(r->o->out) ? SV_OK : lab_session_folder(&r->session, r->o->out, err);
 }
 
@@ -163,10 +201,10 @@ static int n_pictures(const run *r) {
 static sv_status start_film(run *r, sv_err *err) {
   const bool is_alone = lab_is_film(r->o->out), is_orbit = r->o->orbit > 0;
   const sv_view *v = is_orbit || !r->views.n ? &r->orbit.lens : &r->views.frames[0].view;
-  const int size[2] = {v->width_px, v->height_px};
+  const int size[2] = {r->film == LAB_FILM_STEREO ? 2 * v->width_px : v->width_px, v->height_px};
   const int ms = sv_maxi(FRAME_MS, is_film(r) ? 1000 / FILM_FPS : is_orbit ? ROUND_MS / (int)r->o->orbit : 0);
   if (!is_film(r) && !is_orbit) return SV_OK;
-  if (is_alone && sv_str_eq(sv_path_extension(r->o->out), ".mp4"))
+  if (is_alone && !sv_str_eq(sv_path_extension(r->o->out), ".webp"))
     return lab_video_begin(&r->video, r->o->out, size, 1000.0 / ms, err);
   sv_status s = lab_animation_is_built()
                     ? lab_animation_begin(&r->animation, size[0], size[1], ms, err)
@@ -234,7 +272,7 @@ static sv_status render_all(run *r, sv_err *err) {
 
 int lab_cmd_render(const lab_options *o) {
   sv_err err = {0};
-  run r = {.o = o};
+  run r = {.o = o, .film = lab_film_kind_of(o->film)};
   int code = LAB_EXIT_OK;
   sv_status s = lab_session_start(&r.session, o->threads, o->is_quiet, &err);
   if (s == SV_OK) s = sv_linux_catch_signals(&err);
@@ -245,6 +283,7 @@ int lab_cmd_render(const lab_options *o) {
   lab_animation_free(r.animation);
   lab_video_abandon(&r.video);
   free(r.rgb);
+  free(r.frame);
   free(r.z);
   free(r.depth);
   lab_viewer_stop(&r.viewer);

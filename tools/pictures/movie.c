@@ -78,11 +78,14 @@ sv_status lab_video_begin(lab_video *v, const char *path, const int size_px[2], 
   if (!sv_copy(v->path, sizeof v->path, path)) return sv_fail(err, SV_E_RANGE, "%.80s: too long", path);
   snprintf(size, sizeof size, "%dx%d", size_px[0], size_px[1]);
   snprintf(rate, sizeof rate, "%g", fps);
-  const char *const argv[] = {"ffmpeg",    "-v",         "error",    "-y",       "-f",   "rawvideo",
-                              "-pix_fmt",  "rgb24",      "-s",       size,       "-r",   rate,
-                              "-i",        "pipe:0",     "-vf",      EVEN_SIDES, "-c:v", "libx264",
-                              "-crf",      "18",         "-pix_fmt", "yuv420p",  "-f",   "mp4",
-                              "-movflags", "+faststart", v->path,    NULL};
+  const bool is_webm = sv_str_eq(sv_path_extension(path), ".webm");
+  const char *codec = is_webm ? "libvpx-vp9" : "libx264", *crf = is_webm ? "24" : "18";
+  const char *option = is_webm ? "-b:v" : "-movflags", *value = is_webm ? "0" : "+faststart";
+  const char *const argv[] = {"ffmpeg",   "-v",     "error",    "-y",       "-f",   "rawvideo",
+                              "-pix_fmt", "rgb24",  "-s",       size,       "-r",   rate,
+                              "-i",       "pipe:0", "-vf",      EVEN_SIDES, "-c:v", codec,
+                              "-crf",     crf,      "-pix_fmt", "yuv420p",  "-f",   is_webm ? "webm" : "mp4",
+                              option,     value,    v->path,    NULL};
   if (pipe2(ends, O_CLOEXEC) != 0) return sv_fail(err, SV_E_DEVICE, "%s: no pipe to ffmpeg", path);
   v->pipe = ends[1];
   const int e = start(argv, ends[0], &v->pid);

@@ -4,8 +4,8 @@
 "use strict";
 const SEQUENCE_ROWS = 14, SEQUENCE_GROUPS = 4; // that frames change; that are kept
 
-// Blocks of 64 values at a byte of data: calls take(i, residual, is_linear) for the first n_taken of
-// a row's n values; returns where the next row begins.
+// Blocks of 64 values at a byte of data: calls take(i, residual, is_linear) for the first n_taken
+// of a row's n values; returns where the next row begins.
 function read_row(data, at, n, n_taken, take) {
   for (let i0 = 0; i0 < n; i0 += 64) {
     const bits = data[at] & 31, is_linear = data[at] > 31;
