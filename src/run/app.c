@@ -516,6 +516,7 @@ static sv_status train(sv_app *app, sv_err *err) {
                              .console = app->port.console,
                              .self = app,
                              .before_step = before_step,
+                             .may_end = app->cfg.is_continuous ? is_exposure_due : NULL,
                              .after_step = after_step,
                              .least_db_per_s = app->cfg.least_db_per_s,
                              .measure = measure,

@@ -85,6 +85,8 @@ typedef struct {
   void *self;
   // Called before each step; may be NULL.
   sv_status (*before_step)(void *self, float progress, sv_driver_turn *turn, sv_err *err);
+  // Whether a run that is over may end now. NULL: at once.
+  bool (*may_end)(void *self);
   // Called after each step, which ran from from_s to now_s of the clock. *now_s is moved on by what
   // it takes, which is training time. May be NULL.
   sv_status (*after_step)(void *self, double from_s, double *now_s, sv_err *err);
