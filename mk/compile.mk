@@ -22,6 +22,8 @@ $(O)/obj/boards/%.o: boards/%.c
 	$(call compile,$(HOST_CFLAGS) $(BOARD_HDR))
 $(O)/obj/tools/%.o: tools/%.c
 	$(call compile,$(HOST_CFLAGS) $(BOARD_HDR))
+$(O)/obj/tools/%.o: tools/%.cc
+	$(call compile_cxx,-isystem $(INC_DIR)/opencv4)
 $(O)/obj/tests/%.o: tests/%.c
 	$(call compile,$(HOST_CFLAGS) $(BOARD_HDR))
 $(O)/obj/calib/solve/%.o: calib/solve/%.c

@@ -11,7 +11,7 @@ PROGRAMS := $(O)/bin/subview $(O)/bin/subview-lab
 # beside bin.
 MODULES  := $(if $(MODULE_CXX),$(O)/lib/subview/subview-libcamera.so)
 ifneq ($(WITH),minimal)
-PROGRAMS += $(O)/bin/subview-preview $(O)/bin/subview-calibrate
+PROGRAMS += $(O)/bin/subview-preview $(O)/bin/subview-calibrate $(if $(HAVE_dnn),$(O)/bin/subview-depth)
 endif
 
 $(eval $(call archive_rule,libcore,$(CORE_OBJ)))
@@ -33,6 +33,8 @@ $(O)/bin/subview-lab: $(call obj,tools/lab/main.c) $(ARCHIVES)
 	$(call link)
 $(O)/bin/subview-calibrate: $(call obj,tools/calibrate/main.c) $(O)/libcalibrate.a $(ARCHIVES)
 	$(call link,$(SOLVE_LIBS))
+$(O)/bin/subview-depth: $(call obj,tools/prior/depth_dnn.cc) $(ARCHIVES)
+	$(call link,-lopencv_dnn -lopencv_imgproc -lopencv_core -lstdc++)
 $(MODULES): $(MODULE_OBJ)
 	@mkdir -p $(@D); $(if $(V),echo link $@;) $(CXX) -shared $(MODULE_OBJ) $(LDFLAGS_ALL) $(if $(SAN),,-Wl$(comma)-z$(comma)defs) \
 	  -lcamera -lcamera-base -o $@
@@ -40,7 +42,7 @@ $(MODULES): $(MODULE_OBJ)
 # What this build has of the optional libraries: a line that is printed when it changes.
 LIBCAMERA_VERSION := $(if $(HAVE_libcamera),$(shell sed -n 's/.*VERSION_\(MAJOR\|MINOR\|PATCH\)[^0-9]*\([0-9]*\)$$/\2/p' \
   $(INC_DIR)/libcamera/libcamera/version.h | paste -sd .))
-FEATURE_LIST := libcamera page mrcal opencv mrgingham opengv zstd
+FEATURE_LIST := libcamera page mrcal opencv dnn mrgingham opengv zstd
 with_feature = $(if $(HAVE_$(1)),$(1)$(if $(filter libcamera,$(1)), $(LIBCAMERA_VERSION)))
 WITHOUT  := $(strip $(foreach f,$(FEATURE_LIST),$(if $(HAVE_$(f)),,$(f))))
 FEATURES := $(O), $(SUITE): with $(strip $(foreach f,$(FEATURE_LIST),$(call with_feature,$(f)))); without $(or $(WITHOUT),nothing)

@@ -20,6 +20,7 @@ have_cxx = $(if $(HAVE_CXX),$(call have,$(1)))
 HAVE_libcamera := $(call have_cxx,libcamera/libcamera/libcamera.h)
 HAVE_mrcal     := $(call have,mrcal/mrcal.h suitesparse/cholmod.h)
 HAVE_opencv    := $(call have_cxx,opencv4/opencv2/calib3d.hpp opencv4/opencv2/video.hpp)
+HAVE_dnn       := $(call have_cxx,opencv4/opencv2/dnn.hpp opencv4/opencv2/imgproc.hpp)
 HAVE_mrgingham := $(call have_cxx,mrgingham/mrgingham.hh opencv4/opencv2/core.hpp)
 HAVE_opengv    := $(call have_cxx,opengv/types.hpp eigen3/Eigen/Core)
 HAVE_page      := $(call have,microhttpd.h seccomp.h)
@@ -48,5 +49,5 @@ SOLVE_LIBS := $(foreach l,$(SOLVE_ALL),$(if $(HAVE_$(l)),$(SOLVE_LIBS_$(l)))) \
   $(if $(HAVE_opencv)$(HAVE_mrgingham)$(HAVE_opengv),-lstdc++)
 
 CORE_OBJ := $(call obj,$(CORE_SRC)) $(KERNEL_OBJ)
-ALL_OBJ  := $(CORE_OBJ) $(PROBE_OBJ) $(MODULE_OBJ) \
+ALL_OBJ  := $(CORE_OBJ) $(PROBE_OBJ) $(MODULE_OBJ) $(call obj,tools/prior/depth_dnn.cc) \
   $(call obj,$(PLAT_SRC) $(PREVIEW_SRC) $(MAIN_SRC) $(LAB_SRC) $(CAL_SRC) $(SOLVE_SRC) $(TEST_SRC))

@@ -51,6 +51,8 @@ names Recommends | grep -q 'libcamera[0-9]'
 verdict $? "subview recommends: $(names Recommends)"
 field subview-calibrate Depends | grep -q 'libmrcal.*libopencv'
 verdict $? "subview-calibrate depends on mrcal and OpenCV"
+field subview-lab Recommends | grep -q 'libopencv-dnn' && ! field subview-lab Depends | grep -q opencv
+verdict $? "subview-lab recommends OpenCV for depth networks"
 
 holds() { # package, paths
   package=$1

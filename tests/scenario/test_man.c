@@ -45,17 +45,24 @@ static void must_have_options(const char *program, const char *command) {
 }
 
 TEST(test_pages) {
-  static const char *const what[][2] = {
-      {"subview", "run"},           {"subview", "capture"},    {"subview", "plan"},
-      {"subview-lab", "train"},     {"subview-lab", "export"}, {"subview-lab", "import"},
-      {"subview-lab", "compare"},   {"subview-preview", ""},   {"subview-calibrate", "board"},
-      {"subview-calibrate", "pose"}};
+  static const char *const what[][2] = {{"subview", "run"},
+                                        {"subview", "capture"},
+                                        {"subview", "plan"},
+                                        {"subview-lab", "train"},
+                                        {"subview-lab", "export"},
+                                        {"subview-lab", "import"},
+                                        {"subview-lab", "compare"},
+                                        {"subview-preview", ""},
+                                        {"subview-calibrate", "board"},
+                                        {"subview-calibrate", "pose"},
+                                        {"subview-depth", ""}};
   make_pages();
   for (size_t i = 0; i < sizeof what / sizeof *what; i++) must_have_options(what[i][0], what[i][1]);
 }
 
 TEST(test_groff) {
-  static const char *const pages[] = {"subview", "subview-preview", "subview-lab", "subview-calibrate"};
+  static const char *const pages[] = {"subview", "subview-preview", "subview-lab", "subview-calibrate",
+                                      "subview-depth"};
   char command[900], path[400];
   struct stat st;
   if (system("command -v groff >/dev/null 2>&1") != 0) {
@@ -63,7 +70,7 @@ TEST(test_groff) {
     skip();
   }
   make_pages();
-  for (int i = 0; i < 4; i++) {
+  for (int i = 0; i < 5; i++) {
     snprintf(path, sizeof path, "%s/%s.1", root, pages[i]);
     assert_int_equal(stat(path, &st), 0);
     snprintf(command, sizeof command, "groff -ww -man -Tutf8 '%s' 2>&1 >'%s/out'", path, root);

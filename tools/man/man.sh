@@ -22,19 +22,19 @@ squeeze() {
     }'
 }
 
-for program in subview subview-preview subview-lab subview-calibrate; do
+for program in subview subview-preview subview-lab subview-calibrate subview-depth; do
   [ -x "$bin/$program" ] || continue
   # shellcheck disable=SC2086 # a command and its arguments
   text=$(${EMULATE:-} "$bin/$program" --help)
   {
     printf '%s\n' "$text" | awk -v part=page -v program="$program" -f "$here/man.awk"
-    commands=$(printf '%s\n' "$text" | awk '/^[Ee]xample|^options/ { exit } /^  [a-z]/ { print $1 }')
+    commands=$(printf '%s\n' "$text" | awk '/^usage: / && !/ COMMAND/ { exit } /^[Ee]xample|^options/ { exit } /^  [a-z]/ { print $1 }')
     [ -z "$commands" ] || printf '.SH COMMANDS\n'
     for command in $commands; do
       # shellcheck disable=SC2086
       ${EMULATE:-} "$bin/$program" "$command" --help | awk -v part=command -v command="$command" -f "$here/man.awk"
     done
-    printf '.SH SEE ALSO\n.BR subview (1),\n.BR subview\\-preview (1),\n.BR subview\\-calibrate (1),\n.BR subview\\-lab (1)\n'
+    printf '.SH SEE ALSO\n.BR subview (1),\n.BR subview\\-preview (1),\n.BR subview\\-calibrate (1),\n.BR subview\\-lab (1),\n.BR subview\\-depth (1)\n'
   } | squeeze >"$out/$program.1.part"
   mv "$out/$program.1.part" "$out/$program.1"
 done

@@ -106,6 +106,7 @@ package=subview-calibrate
 program subview-calibrate
 package=subview-lab
 program subview-lab
+[ ! -e "$stage/usr/bin/subview-depth" ] || program subview-depth
 package=libsubview-dev
 put 644 "$stage/usr/lib/libsubview.a" "usr/lib/$DEB_HOST_MULTIARCH"
 put 644 "$stage/usr/lib/pkgconfig/subview.pc" "usr/lib/$DEB_HOST_MULTIARCH/pkgconfig"
@@ -130,6 +131,10 @@ for package in subview subview-calibrate subview-lab libsubview-dev; do
     # libcamera is a recommendation: without it V4L2 works.
     modules=$(find subview/usr/lib -name '*.so')
     shlibs Depends subview/usr/bin/* ${modules:+-dRecommends $modules}
+    ;;
+  subview-lab) # only depth networks need OpenCV
+    shlibs Depends subview-lab/usr/bin/subview-lab $([ ! -e subview-lab/usr/bin/subview-depth ] ||
+      echo -dRecommends subview-lab/usr/bin/subview-depth)
     ;;
   subview-*) shlibs Depends "$package"/usr/bin/* ;;
   esac
