@@ -12,5 +12,6 @@ tidy:
 bench: programs $(PROGS_kernels)
 	@$(EMULATE) $(PROGS_kernels) --bench | tee $(O)/kernels.csv
 	@$(EMULATE) $(O)/bin/subview-lab bench
+	@tools/bench/quality.sh $(O)/bin/subview-lab | tee $(O)/quality.csv
 mca:
 	@neon='$(ISA_neon)' avx2='$(ISA_avx2)' avx512='$(ISA_avx512)' project='$(PROJECT_CFLAGS)' tools/mca/mca.sh $(if $(V),-v)

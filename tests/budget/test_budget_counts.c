@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Instructions of five training steps against tests/budget/counts.csv. The program runs itself
-// under callgrind:
+// Instructions of five training steps, and of a whole command to a held-out PSNR, against
+// tests/budget/counts.csv. The program runs itself under callgrind:
 //
 //   test_budget_counts            compares
 //   test_budget_counts --accept   measures, and writes the record anew (make accept-counts)
@@ -13,6 +13,7 @@
 #include "tests/common/test.h"
 #include "tools/bench/bench.h"
 #include "tests/budget/counts.h"
+#include "tests/budget/quality.h"
 
 #define RECORD  "tests/budget/counts.csv"
 #define N_STEPS 5 // one of them estimates the curvature
@@ -77,6 +78,7 @@ static bool count(counts_table *t, size_t first, char *err, size_t cap) {
       is_good = false;
     }
   }
+  if (is_good && first == 0) is_good = quality_count(t, folder, err, cap);
   temp_folder_remove(folder);
   return is_good;
 }
@@ -123,6 +125,18 @@ TEST(test_counts) {
                   100 * ((double)is->instructions / (double)was->instructions - 1));
   }
   if (counts_compare(&record, &now, text, sizeof text) > 0) fail_msg("%s", text);
+}
+
+// The counted command reaches its quality: fewer instructions for less are no gain.
+TEST(test_quality) {
+  char folder[4096];
+  if (reason_to_skip()) skip();
+  assert_int_equal(temp_folder_make(folder, sizeof folder, "quality"), 0);
+  const double psnr = quality_psnr(folder);
+  temp_folder_remove(folder);
+  const counts_row *r = counts_find(&now, "avx2", QUALITY_ROW);
+  print_message("%.2f dB, %.0f million instructions\n", psnr, r ? 1e-6 * (double)r->instructions : 0);
+  assert_psnr(psnr, QUALITY_DB);
 }
 
 // Counted again, the run takes as many instructions: the measure itself is not the noise.
@@ -208,6 +222,7 @@ int main(int argc, char **argv) {
   if (argc == 3 && strcmp(argv[1], "--run") == 0) return run(argv[2]);
   if (argc == 2 && strcmp(argv[1], "--accept") == 0) return accept();
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_worse_is_red), cmocka_unit_test(test_record),
-                                     cmocka_unit_test(test_counts), cmocka_unit_test(test_repeatable)};
+                                     cmocka_unit_test(test_counts), cmocka_unit_test(test_quality),
+                                     cmocka_unit_test(test_repeatable)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
