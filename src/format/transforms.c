@@ -198,9 +198,13 @@ static sv_status read_labels(const sv_json *j, int i_frame, sv_transforms_frame 
   long long exposure = -1, sub_view = -1;
   double rect[4];
   f->time = -1;
+  // group_id and view_id: as the paper's synthetic data call them
   sv_status s = sv_json_get_int(j, i_frame, "exposure", (sv_json_range){-1, 1000000000}, &exposure, err);
-  if (s >= 0)
-    s = sv_json_get_int(j, i_frame, "sub_view", (sv_json_range){-1, SV_CAP_SUB_VIEWS - 1}, &sub_view, err);
+  if (s == SV_END)
+    s = sv_json_get_int(j, i_frame, "group_id", (sv_json_range){-1, 1000000000}, &exposure, err);
+  const sv_json_range sub_views = {-1, SV_CAP_SUB_VIEWS - 1};
+  if (s >= 0) s = sv_json_get_int(j, i_frame, "sub_view", sub_views, &sub_view, err);
+  if (s == SV_END) s = sv_json_get_int(j, i_frame, "view_id", sub_views, &sub_view, err);
   if (s >= 0) s = sv_json_get_string(j, i_frame, "camera", f->camera, sizeof f->camera, err);
   if (s >= 0) s = sv_json_get_string(j, i_frame, "split", f->split, sizeof f->split, err);
   if (s >= 0) s = sv_json_get_double(j, i_frame, "time", &f->time, err);
@@ -231,6 +235,7 @@ static sv_status read_frame(const sv_json *j, int i_frame, const camera *common,
   if (s == SV_END || !f->file_path[0]) return sv_json_missing(j, i_frame, "file_path", err);
   f->has_extension = ends_in_image(f->file_path);
   if ((s = get_path(j, i_frame, "mask_path", f->mask_path, err)) < 0) return s;
+  if ((s = get_path(j, i_frame, "coverage_path", f->coverage_path, err)) < 0) return s;
   camera c = *common;
   s = read_camera(j, i_frame, &c, err);
   if (s != SV_OK) return s;
@@ -315,15 +320,19 @@ sv_status sv_transforms_find_measurement(const sv_transforms *t, bool is_linear,
   const sv_json *j = &t->json;
   int i = sv_json_first(j, sv_json_get(j, 0, is_linear ? "composites_linear" : "composites"));
   for (; i >= 0; i = sv_json_next(j, i)) {
-    long long e = -1, max_overlap = 0;
+    long long e = -1;
+    double max_overlap = 0;
     sv_status s = sv_json_get_int(j, i, "exposure", (sv_json_range){0, 1000000000}, &e, err);
     if (s < 0) return s;
     if (e != exposure) continue;
-    s = sv_json_get_int(j, i, "M_max", (sv_json_range){1, SV_CAP_SUB_VIEWS}, &max_overlap, err);
+    s = sv_json_get_double(j, i, "M_max", &max_overlap, err);
     if (s == SV_END) return sv_json_missing(j, i, "M_max", err);
     if (s < 0) return s;
+    if (!(max_overlap > 0 && max_overlap <= SV_CAP_SUB_VIEWS))
+      return sv_json_fail(j, sv_json_get(j, i, "M_max"), err, SV_E_RANGE, "%g is outside 0 to %d",
+                          max_overlap, SV_CAP_SUB_VIEWS);
     s = get_path(j, i, "file_path", out->file_path, err);
-    out->max_overlap = (int)max_overlap;
+    out->max_overlap = max_overlap;
     return s == SV_END ? sv_json_missing(j, i, "file_path", err) : s;
   }
   return SV_END;

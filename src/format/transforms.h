@@ -38,13 +38,16 @@ typedef struct {
   // estimated depth; empty when prior_kind is NONE
   char prior_path[SV_TRANSFORMS_CAP_PATH];
   sv_transforms_prior prior_kind;
-  double depth_unit;      // scene units for one step of the depth image, 0 when absent
-  char camera[32];        // empty when absent
-  char split[16];         // "train", "test", ...; empty when absent
-  int exposure;           // -1 when absent (or, explicitly, for views outside of any exposure)
-  int sub_view;           // -1 when absent
-  double time;            // 0..1, -1 when absent
-  sv_footprint footprint; // on the sensor, all zero when absent
+  double depth_unit; // scene units for one step of the depth image, 0 when absent
+  char camera[32];   // empty when absent
+  char split[16];    // "train", "test", ...; empty when absent
+  int exposure;      // -1 when absent (or, explicitly, for views outside of any exposure)
+  int sub_view;      // -1 when absent
+  double time;       // 0..1, -1 when absent
+  // on the sensor, all zero when absent; its coverage is the caller's to load
+  sv_footprint footprint;
+  // image of the share of light that the lens leaves on each pixel of its footprint; empty: all
+  char coverage_path[SV_TRANSFORMS_CAP_PATH];
   sv_pose cam_from_world;
   // Width, height and parameters are complete after sv_transforms_finish. Before, 0 means absent.
   sv_camera_model model;
@@ -75,11 +78,11 @@ sv_status sv_transforms_read(const sv_transforms *t, sv_transforms_frame *frames
 sv_status sv_transforms_finish(sv_transforms_frame *f, int width_px, int height_px, sv_err *err) SV_MUST_USE;
 
 // The multiplexed measurement of an exposure ("composites", or "composites_linear": summed in
-// linear light): its image and the largest number of overlapping sub-views. SV_END when there is
+// linear light): its image and the largest sum of overlapping footprints. SV_END when there is
 // none.
 typedef struct {
   char file_path[SV_TRANSFORMS_CAP_PATH];
-  int max_overlap;
+  double max_overlap;
 } sv_transforms_measurement;
 sv_status sv_transforms_find_measurement(const sv_transforms *t, bool is_linear, int exposure,
                                          sv_transforms_measurement *out, sv_err *err) SV_MUST_USE;

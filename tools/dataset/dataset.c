@@ -475,6 +475,7 @@ void lab_view_name(const lab_views *v, int i, char *out, size_t cap) {
 }
 
 void lab_views_free(lab_views *v) {
+  for (int i = 0; v->frames && i < v->n; i++) free(v->frames[i].coverage);
   free(v->frames);
   free(v->by_lens);
   free(v->measurements);

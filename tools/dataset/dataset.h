@@ -41,6 +41,7 @@ typedef struct {
   bool is_fisheye;
   bool is_masked;     // some pixels do not count: by mask_path, or outside a fisheye's range
   sv_fisheye fisheye; // of the view
+  uint8_t *coverage;  // of a lens of a measurement: that of f.footprint, or NULL
   // the measurement that the frame is a lens of, -1: it has an image of its own
   int i_measurement;
 } lab_frame;
@@ -48,7 +49,8 @@ typedef struct {
 // What one sensor with overlapping lens images measured in one exposure (measurement.h).
 typedef struct {
   char path[SV_CAP_PATH];
-  int exposure, max_overlap, n_lenses;
+  int exposure, n_lenses;
+  double max_overlap;
   int width_px, height_px; // of the sensor
   bool is_linear;
 } lab_measurement;

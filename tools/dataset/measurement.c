@@ -46,6 +46,26 @@ static sv_status measurement_of(lab_views *v, int exposure, const listing *in, i
   return SV_OK;
 }
 
+// The share of light that a lens leaves on each pixel of its place.
+static sv_status load_coverage(lab_frame *f, const char *folder, sv_err *err) {
+  char path[SV_CAP_PATH];
+  sv_bitmap b;
+  sv_status s = sv_path_join(path, sizeof path, folder, f->f.coverage_path, err);
+  if (s == SV_OK) s = sv_bitmap_read(path, &b, err);
+  if (s == SV_OK) s = sv_bitmap_to_8(&b, err);
+  if (s == SV_OK) s = sv_bitmap_to_channels(&b, 1, err);
+  if (s != SV_OK) return s;
+  if (b.width_px != f->f.footprint.width_px || b.height_px != f->f.footprint.height_px) {
+    s = sv_fail(err, SV_E_FORMAT, "%s: the coverage is %dx%d, its footprint %dx%d pixels", path, b.width_px,
+                b.height_px, f->f.footprint.width_px, f->f.footprint.height_px);
+    sv_bitmap_free(&b);
+    return s;
+  }
+  f->coverage = b.u8;
+  f->f.footprint.coverage = b.u8;
+  return SV_OK;
+}
+
 sv_status lab_measurements_find(lab_views *v, const sv_transforms *t, const char *folder, bool is_white,
                                 sv_err *err) {
   const listing in = {t, folder, is_white};
@@ -57,7 +77,10 @@ sv_status lab_measurements_find(lab_views *v, const sv_transforms *t, const char
     if (!f->f.footprint.width_px || f->f.exposure < 0) continue;
     sv_status s = measurement_of(v, f->f.exposure, &in, &f->i_measurement, err);
     if (s != SV_OK) return s;
-    if (f->i_measurement >= 0) v->measurements[f->i_measurement].n_lenses++;
+    if (f->i_measurement < 0) continue;
+    v->measurements[f->i_measurement].n_lenses++;
+    s = *f->f.coverage_path ? load_coverage(f, folder, err) : SV_OK;
+    if (s != SV_OK) return s;
   }
   if (v->n_measurements && v->scale > 1)
     return sv_fail(err, SV_E_UNSUPPORTED, "%s: overlapping lens images cannot be downscaled; omit --scale",

@@ -41,6 +41,13 @@ void lab_import_free(lab_import *im);
 // Copies the images and writes transforms.json and points3d.ply into `out`. Names that are not
 // UTF-8 become it.
 sv_status lab_import_write(lab_import *im, lab_session *s, const char *out, sv_err *err) SV_MUST_USE;
+// The same for one of several transforms files of a folder, which share images/. The caller holds
+// the folder's lock. Points go beside it: transforms_train_mono.json has points3d_mono.ply.
+sv_status lab_import_write_as(lab_import *im, lab_session *s, const char *folder, const char *transforms,
+                              sv_err *err) SV_MUST_USE;
+
+// Points as a PLY with colors.
+sv_status lab_import_write_points(const lab_import *im, const char *path, sv_err *err) SV_MUST_USE;
 
 // A rig folder: rig.json and lens files. Coverage images are not written.
 sv_status lab_rig_write(const sv_rig *rig, const char *folder, sv_err *err) SV_MUST_USE;
@@ -56,6 +63,10 @@ sv_status lab_import_propagate(lab_import *im, const char *rig_folder, const cha
                                sv_err *err) SV_MUST_USE;
 
 sv_status lab_import_transforms(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
+// All frames of one transforms file, marked as of `mark` unless the file says another split. Its
+// points, too, unless im has some.
+sv_status lab_import_transforms_file(lab_import *im, const char *dir, const char *name, const char *mark,
+                                     sv_err *err) SV_MUST_USE;
 // Whether DIR holds a COLMAP model, and the path of its list of images.
 bool lab_import_colmap_model(const char *dir, char images_path[SV_CAP_PATH]);
 sv_status lab_import_colmap(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
@@ -70,6 +81,10 @@ sv_status lab_import_sim(const char *spec, const lab_session *s, const char *out
 // Raw images and white.png of a lenslet sensor: sub-views are written to out/images, their rig to
 // out/rig.
 sv_status lab_import_lenslet(lab_import *im, const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;
+// The folder of the paper's authors (their release and what their `prepare` made of it): static,
+// casual, dynamic, multiplexed and synthetic scenes, each a dataset of its own in OUT, with a
+// training file a device (tools/import/release.h).
+sv_status lab_import_release(const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;
 sv_status lab_import_capture(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
 
 #endif

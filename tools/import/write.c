@@ -155,7 +155,7 @@ static sv_status copy_all(const lab_import *im, lab_session *se, const char *out
 
 static uint8_t to_byte(float x) { return (uint8_t)(x <= 0 ? 0 : x >= 1 ? 255 : x * 255.0f + 0.5f); }
 
-static sv_status write_points(const lab_import *im, const char *path, sv_err *err) {
+sv_status lab_import_write_points(const lab_import *im, const char *path, sv_err *err) {
   char head[300];
   int n = snprintf(
       head, sizeof head,
@@ -245,7 +245,17 @@ static void put_view(FILE *f, const lab_import_view *v) {
   fprintf(f, "}");
 }
 
+// Of the points that belong to a transforms file: transforms_train_mono.json has
+// points3d_mono.ply, others points3d.ply.
+static void points_name(const char *transforms, char *out, size_t cap) {
+  static const char train[] = "transforms_train";
+  const bool is_own = strncmp(transforms, train, sizeof train - 1) == 0;
+  const char *rest = is_own ? transforms + sizeof train - 1 : "";
+  snprintf(out, cap, "points3d%.*s.ply", (int)(strlen(rest) - strlen(sv_path_extension(rest))), rest);
+}
+
 static sv_status write_json(const lab_import *im, const char *path, sv_err *err) {
+  char points[SV_CAP_PATH];
   memory m = {0};
   sv_status s = SV_OK;
   for (int i = 0; i < im->n && s == SV_OK; i++) s = check_model(&im->views[i], err);
@@ -254,7 +264,8 @@ static sv_status write_json(const lab_import *im, const char *path, sv_err *err)
     return sv_fail(err, SV_E_NOMEM, "%s: no memory for its text", path);
   fprintf(m.f, "{\n");
   if (im->is_metric) fprintf(m.f, "\"world_unit\": \"m\",\n");
-  if (im->n_points) fprintf(m.f, "\"ply_file_path\": \"points3d.ply\",\n");
+  points_name(sv_path_name(path), points, sizeof points);
+  if (im->n_points) fprintf(m.f, "\"ply_file_path\": \"%s\",\n", points);
   for (int i = 0, has_unit = 0; i < im->n && !has_unit; i++)
     if ((has_unit = *im->views[i].depth_source && im->views[i].depth_unit > 0))
       fprintf(m.f, "\"%s\": %.17g,\n",
@@ -292,18 +303,25 @@ static sv_status check_depth(const lab_import *im, sv_err *err) {
   return SV_OK;
 }
 
-sv_status lab_import_write(lab_import *im, lab_session *se, const char *out, sv_err *err) {
-  char images[SV_CAP_PATH], path[SV_CAP_PATH];
+sv_status lab_import_write_as(lab_import *im, lab_session *se, const char *folder, const char *transforms,
+                              sv_err *err) {
+  char images[SV_CAP_PATH], path[SV_CAP_PATH], points[SV_CAP_PATH];
   for (int i = 0; i < im->n; i++)
     sv_make_utf8(im->views[i].name); // the file is called as transforms.json says
   if (im->n < 1) return sv_fail(err, SV_E_NOT_FOUND, "no views to import");
   sv_status s = check_depth(im, err);
-  if (s == SV_OK) s = lab_session_folder(se, out, err);
-  if (s == SV_OK) s = sv_path_join(images, sizeof images, out, "images", err);
+  if (s == SV_OK) s = sv_path_join(images, sizeof images, folder, "images", err);
   if (s == SV_OK) s = sv_path_make_folder(images, err);
-  if (s == SV_OK) s = copy_all(im, se, out, images, err);
-  if (s == SV_OK) s = sv_path_join(path, sizeof path, out, "points3d.ply", err);
-  if (s == SV_OK && im->n_points) s = write_points(im, path, err);
-  if (s == SV_OK) s = sv_path_join(path, sizeof path, out, "transforms.json", err);
+  if (s == SV_OK) s = copy_all(im, se, folder, images, err);
+  points_name(transforms, points, sizeof points);
+  if (s == SV_OK) s = sv_path_join(path, sizeof path, folder, points, err);
+  if (s == SV_OK && im->n_points) s = lab_import_write_points(im, path, err);
+  if (s == SV_OK) s = sv_path_join(path, sizeof path, folder, transforms, err);
   return s == SV_OK ? write_json(im, path, err) : s;
+}
+
+sv_status lab_import_write(lab_import *im, lab_session *se, const char *out, sv_err *err) {
+  if (im->n < 1) return sv_fail(err, SV_E_NOT_FOUND, "no views to import");
+  sv_status s = lab_session_folder(se, out, err);
+  return s == SV_OK ? lab_import_write_as(im, se, out, "transforms.json", err) : s;
 }

@@ -178,7 +178,7 @@ static const sv_option table[] = {
     {"spz-version", SV_OPT_INT, LAB_EXPORT, 0, AT(spz_version), "N",
      "spz: 4 (zstd, newest), 3 or 2 (gzip, older viewers) (4)", 2, 4, 0},
     {"from", SV_OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from),
-     "colmap|nerfstudio|blender|capture|lenslet|4cam-board|qca|kalibr|sim",
+     "colmap|nerfstudio|blender|capture|lenslet|lightfield-release|4cam-board|qca|kalibr|sim",
      "kind of the input (kalibr: a file)", 0, 0, 0},
     {"keep", SV_OPT_INT, LAB_IMPORT, 0, AT(keep), "K",
      "lenslet: keep the K x K inner sub-views (7 of 10 per side)", 1, 16, 0},
