@@ -74,6 +74,7 @@ static sv_status carve(sv_prior *p, const sv_prior_cfg *cfg, const sv_train_cfg 
   }
   for (size_t i = 0; i < sizeof planes / sizeof *planes; i++) *planes[i] = SV_TAKE(a, float, cap_pixels);
   p->mask = SV_TAKE(a, uint8_t, cap_pixels);
+  p->samples = SV_TAKE(a, sv_prior_samples, cfg->cap_depths > 0);
   if (cfg->method) {
     p->warped = SV_TAKE(a, uint8_t, 4 * cap_pixels);
     p->scratch = SV_TAKE(a, sv_arena, 1);
@@ -103,9 +104,19 @@ void sv_prior_prepare(const sv_prior_cfg *cfg, sv_train_cfg *train) {
   if (cfg->method == SV_PRIOR_FSGS && train->sh_step <= 1.0f) train->sh_step = 0.05f;
 }
 
+// Pseudo-views, their depth maps and the counts.
+static void forget_steps(sv_prior *p) {
+  for (int i = 0; i < p->cfg.cap_pseudo; i++) p->views[i].id = 0;
+  for (int i = 0; i < p->cfg.cap_depths; i++)
+    if (p->depths[i].id >= SV_PRIOR_FIRST_PSEUDO) p->depths[i].id = -1;
+  p->n_views = p->n_unpooled = p->n_pruned = p->n_warped = 0;
+  p->updated_until = 0.0f;
+}
+
 // --- hooks ---------------------------------------------------------------------------------------
 
-static void start(void *self) { sv_prior_clear(self); }
+// Depth maps of the views stay: the Gaussians may have been placed from them.
+static void start(void *self) { forget_steps(self); }
 
 static sv_status before_render(void *self, sv_train_image *im) {
   const sv_prior *p = self;
@@ -171,10 +182,9 @@ sv_status sv_prior_init(sv_prior *p, const sv_prior_cfg *cfg, sv_trainer *t, sv_
 }
 
 void sv_prior_clear(sv_prior *p) {
-  for (int i = 0; i < p->cfg.cap_pseudo; i++) p->views[i].id = 0;
   for (int i = 0; i < p->cfg.cap_depths; i++) p->depths[i].id = -1;
-  p->n_views = p->n_depths = p->n_unpooled = p->n_pruned = p->n_warped = 0;
-  p->updated_until = 0.0f;
+  p->n_depths = 0;
+  forget_steps(p);
 }
 
 sv_status sv_prior_submit_view(sv_prior *p, const sv_view *view, const sv_image_u8 *im, float weight,
@@ -216,12 +226,19 @@ static sv_prior_depth *place_of(sv_prior *p, int id) {
   return unused ? unused : &p->depths[p->n_depths++ % p->cfg.cap_depths];
 }
 
-// What was estimated from masked pixels of a training view is not known.
+static bool is_opaque(const sv_image_u8 *im, int x, int y) {
+  const size_t at = (size_t)y * (size_t)im->stride_bytes + (size_t)(x * im->n_channels);
+  return im->n_channels < 4 || im->px[at + 3] >= 128;
+}
+
+// What was estimated from masked or transparent pixels of a training view is not known.
 static void forget_masked(const sv_trainer *t, sv_prior_depth *d) {
   const sv_image_u8 *im = d->id < t->n_views ? &t->views[d->id].image : NULL;
-  if (!im || !im->mask || im->width_px != d->width_px || im->height_px != d->height_px) return;
-  for (int i = 0; i < d->width_px * d->height_px; i++)
-    if (!im->mask[i]) d->map[i] = -1.0f;
+  if (!im || im->width_px != d->width_px || im->height_px != d->height_px) return;
+  for (int y = 0; y < d->height_px; y++)
+    for (int x = 0; x < d->width_px; x++)
+      if (!sv_image_counts(im, 1, x, y) || !is_opaque(im, x, y))
+        d->map[(size_t)y * (size_t)d->width_px + (size_t)x] = -1.0f;
 }
 
 sv_status sv_prior_submit_depth(sv_prior *p, int id, const sv_prior_map *map) {

@@ -22,7 +22,9 @@ extern "C" {
 typedef enum {
   SV_PRIOR_RELATIVE, // depth up to scale and offset; loss: Pearson correlation with rendered depth
   SV_PRIOR_INVERSE,  // the same of inverse depth (disparity, as monocular networks give it)
-  SV_PRIOR_METRIC    // depth in world units; loss: mean absolute difference in scene radii
+  SV_PRIOR_METRIC,   // depth in world units; loss: mean absolute difference in scene radii
+  SV_PRIOR_ALIGNED   // inverse depth in world units, of a relative map that was solved (align.h);
+                     // loss: mean absolute difference times the distance of the scene
 } sv_prior_depth_kind;
 
 typedef enum { SV_PRIOR_NONE, SV_PRIOR_FSGS, SV_PRIOR_SPARSEGS } sv_prior_method;
@@ -71,7 +73,16 @@ typedef struct {
   int width_px, height_px;
   sv_prior_depth_kind kind;
   float weight;
+  float unit; // of ALIGNED: inverse depth of the scene, by which differences are divided
 } sv_prior_depth;
+
+#define SV_PRIOR_SAMPLES 2048 // pixels of a map that its scale and shift are solved from, at most
+
+// Of a fit (align.h).
+typedef struct {
+  float map[SV_PRIOR_SAMPLES], low[SV_PRIOR_SAMPLES], high[SV_PRIOR_SAMPLES], work[2 * SV_PRIOR_SAMPLES];
+  int n;
+} sv_prior_samples;
 
 typedef struct {
   sv_prior_cfg cfg;
@@ -88,6 +99,7 @@ typedef struct {
   sv_arena *scratch;                  // of unpooling and pruning
   int n_unpooled, n_pruned, n_warped; // ever
   double last_dip;                    // of the last pruning, mean over the views
+  sv_prior_samples *samples;          // with depth maps
   sv_pearson pearson;
   sv_rng rng;
   double last_depth_loss; // of the last step that had one

@@ -106,7 +106,8 @@ static double patch_loss(sv_prior *prior, sv_pearson_input in) {
 
 double sv_prior_depth_loss(sv_prior *prior, const sv_prior_depth *d, int scale, float weight) {
   const sv_planes *size = &prior->t->render.rgb;
-  sv_depth_input in = depth_input(prior, d->kind == SV_PRIOR_INVERSE);
+  const bool is_aligned = d->kind == SV_PRIOR_ALIGNED;
+  sv_depth_input in = depth_input(prior, d->kind == SV_PRIOR_INVERSE || is_aligned);
   weight *= d->weight;
   load_map(prior, d, scale, size);
   sv_depth_expected(&in, prior->expected, prior->mask);
@@ -118,17 +119,18 @@ double sv_prior_depth_loss(sv_prior *prior, const sv_prior_depth *d, int scale, 
                                     .height_px = size->height_px,
                                     .stride = size->stride,
                                     .weight = weight};
-  const sv_depth_pair metric = {.depth = prior->expected,
-                                .prior = prior->target,
-                                .mask = prior->mask,
-                                .width_px = size->width_px,
-                                .height_px = size->height_px,
-                                .stride = size->stride,
-                                .unit = prior->t->radius,
-                                .weight = weight};
-  double loss = d->kind == SV_PRIOR_METRIC ? sv_depth_loss(&metric, prior->g_expected)
-                                           : sv_pearson_loss(&prior->pearson, &pearson, prior->g_expected);
-  if (d->kind != SV_PRIOR_METRIC && prior->cfg.patch_weight > 0.0f) loss += patch_loss(prior, pearson);
+  const sv_depth_pair in_units = {.depth = prior->expected,
+                                  .prior = prior->target,
+                                  .mask = prior->mask,
+                                  .width_px = size->width_px,
+                                  .height_px = size->height_px,
+                                  .stride = size->stride,
+                                  .unit = is_aligned ? d->unit : prior->t->radius,
+                                  .weight = weight};
+  const bool has_units = d->kind == SV_PRIOR_METRIC || is_aligned;
+  double loss = has_units ? sv_depth_loss(&in_units, prior->g_expected)
+                          : sv_pearson_loss(&prior->pearson, &pearson, prior->g_expected);
+  if (!has_units && prior->cfg.patch_weight > 0.0f) loss += patch_loss(prior, pearson);
   sv_depth_expected_bwd(&in, prior->expected, prior->mask, prior->g_expected,
                         &(sv_depth_grad){prior->g_depth, prior->g_trans, size->rows_padded});
   prior->last_depth_loss = loss;

@@ -39,6 +39,11 @@ bool sv_stereo_point(const sv_trainer *t, const sv_depth_map *m, int x, int y, s
   return back_project(&m->view, (float)x + 0.5f, (float)y + 0.5f, *z, out->mean);
 }
 
+bool sv_stereo_pixel(const sv_train_view *v, int x, int y, float z, sv_point *out) {
+  return colour(&v->image, 1, x, y, out->rgb) &&
+         back_project(&v->view, (float)x + 0.5f, (float)y + 0.5f, z, out->mean);
+}
+
 typedef struct { // takes n of n_all, evenly over their order
   int64_t n_all, i_all;
   sv_point *point;

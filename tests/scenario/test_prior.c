@@ -230,13 +230,14 @@ TEST(test_methods) {
     lab_shell_run_well(&shell, i ? "grep -q '\"prior\": \"sparsegs\"' m/train.json"
                                  : "grep -q '\"prior\": \"fsgs\"' m/train.json");
   }
-  (void)psnr_of("n", "");
+  const double db = psnr_of("n", "");
   const double off = number("abs_rel");
   (void)psnr_of("d", "--prior 'fsgs,external:# disparity' --prior-calls 1 --prior-views 1");
   assert_int_equal((int)number("prior_depths"), 1);
-  const double prior_off = number("abs_rel");
-  print_message("one camera: AbsRel %.4f, with FSGS and estimated depth %.4f\n", off, prior_off);
-  assert_true(prior_off < 0.9 * off);
+  const double prior_off = number("abs_rel"), prior_db = number("psnr");
+  print_message("one camera: PSNR and AbsRel %.2f, %.4f, with FSGS and estimated depth %.2f, %.4f\n", db, off,
+                prior_db, prior_off);
+  assert_true(prior_off < 0.5 * off && prior_db > db + 2.5);
   lab_shell_run_well(&shell, "cp d/prior/call_00/answer_000_disparity.png s/e0.png && sed "
                              "'s/\"camera\"/\"disparity_prior\": \"e0.png\", \"camera\"/' "
                              "s/transforms_train_mono.json > s/with.json");

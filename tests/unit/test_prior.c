@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/prior/align.h"
 #include "src/prior/methods.h"
 #include "src/prior/views.h"
 #include "src/splat/constants.h"
@@ -398,11 +399,86 @@ TEST(test_masked_depth) {
   }
 }
 
+// --- scale and shift -----------------------------------------------------------------------------
+
+// A third of the values lies anywhere above the line.
+TEST(test_line_with_outliers) {
+  enum { N_VALUES = 300 };
+  static float map[N_VALUES], target[N_VALUES], work[N_VALUES];
+  sv_rng r = sv_rng_make(3, 1);
+  float scale, shift;
+  for (int i = 0; i < N_VALUES; i++) {
+    map[i] = sv_rng_f(&r);
+    target[i] = 0.4f * map[i] + 0.2f + 0.001f * sv_rng_normal(&r) + (i % 3 ? 0.0f : sv_rng_f(&r));
+  }
+  const sv_prior_fit f = {map, target, target, N_VALUES};
+  assert_true(sv_prior_fit_line(&f, work, &scale, &shift));
+  assert_true(fabsf(scale - 0.4f) < 0.004f && fabsf(shift - 0.2f) < 0.003f);
+  for (int i = 0; i < N_VALUES; i++) target[i] = -map[i];
+  assert_false(sv_prior_fit_line(&f, work, &scale, &shift)); // a relief turned inside out
+}
+
+// Depth of a view's pixel on what the ball around the origin holds: the front half of it, above a
+// disc that reaches its far side. 0: nothing.
+static float depth_in_ball(const sv_view *v, int x, int y) {
+  const float dx = ((float)x + 0.5f - v->cx) / v->fx, dy = ((float)y + 0.5f - v->cy) / v->fy;
+  const float a = dx * dx + dy * dy + 1, half = v->t[2], disc = half * half - a * (half * half - 0.64f);
+  if (disc <= 0) return 0;
+  return (half + (y < H / 2 ? -1.0f : 1.0f) * sqrtf(disc)) / a;
+}
+
+// A camera that is 3 from the origin sees relief that fills a ball of radius 0.8, by an inverse
+// depth of unknown scale and shift: the ball tells both, though the bounds are of another size.
+TEST(test_ball_tells_scale) {
+  static float map[W * H];
+  static sv_point points[W * H];
+  const sv_bounds bounds = {.radius = 1.3f};
+  make(&trainer, &in_order, block, sizeof block);
+  const sv_view *v = &trainer.views[0].view;
+  for (int y = 0; y < H; y++)
+    for (int x = 0; x < W; x++) {
+      const float z = depth_in_ball(v, x, y);
+      map[y * W + x] = z > 0 ? 7.0f / z + 2.0f : 2.0f;
+    }
+  assert_int_equal(sv_prior_points(&prior, points, W * H), 0);
+  assert_int_equal(sv_prior_submit_depth(&prior, 0, &(sv_prior_map){map, W, H, SV_PRIOR_INVERSE, 1}), SV_OK);
+  assert_int_equal(sv_prior_align_to_ball(&prior, &bounds), 1);
+  const sv_prior_depth *d = sv_prior_find_depth(&prior, 0, v);
+  assert_int_equal(d->kind, SV_PRIOR_ALIGNED);
+  int n_known = 0;
+  float off = 0;
+  for (int y = 0; y < H; y++)
+    for (int x = 0; x < W; x++) {
+      const float z = depth_in_ball(v, x, y);
+      assert_true((d->map[y * W + x] < 0) == (z == 0)); // what is infinitely far is no surface
+      if (z > 0 && fabsf(1 / d->map[y * W + x] - z) > 0.3f)
+        fail_msg("pixel %d, %d: depth %.2f for %.2f", x, y, (double)(1 / d->map[y * W + x]), (double)z);
+      off += z > 0 ? fabsf(1 / d->map[y * W + x] - z) : 0;
+      n_known += z > 0;
+    }
+  if (!(off < 0.12f * (float)n_known)) fail_msg("mean error of depth %.3f", (double)(off / (float)n_known));
+  assert_int_equal(sv_prior_points(&prior, points, W * H), n_known);
+  assert_int_equal(sv_prior_points(&prior, points, 100), 100);
+  for (int i = 0; i < 100; i++) {
+    const float *q = points[i].mean;
+    assert_true(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] < 0.81f);
+  }
+  assert_int_equal(sv_prior_align_to_ball(&prior, &bounds), 0); // it has its scale
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_rings),   cmocka_unit_test(test_memory),      cmocka_unit_test(test_views),
-      cmocka_unit_test(test_steps),   cmocka_unit_test(test_dip),         cmocka_unit_test(test_neighbours),
-      cmocka_unit_test(test_unpool),  cmocka_unit_test(test_prune),       cmocka_unit_test(test_warp),
-      cmocka_unit_test(test_methods), cmocka_unit_test(test_masked_depth)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_rings),
+                                     cmocka_unit_test(test_memory),
+                                     cmocka_unit_test(test_views),
+                                     cmocka_unit_test(test_steps),
+                                     cmocka_unit_test(test_dip),
+                                     cmocka_unit_test(test_neighbours),
+                                     cmocka_unit_test(test_unpool),
+                                     cmocka_unit_test(test_prune),
+                                     cmocka_unit_test(test_warp),
+                                     cmocka_unit_test(test_methods),
+                                     cmocka_unit_test(test_masked_depth),
+                                     cmocka_unit_test(test_line_with_outliers),
+                                     cmocka_unit_test(test_ball_tells_scale)};
   return cmocka_run_group_tests(tests, setup, NULL);
 }

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "src/base/str.h"
+#include "src/prior/align.h"
 
 // Difix3D+ calls at 3, 6, 8, 10, ... of 60 thousand steps.
 #define FIRST_CALL  (3.0f / 60.0f)
@@ -236,6 +237,13 @@ static sv_status measure(lab_prior *p, const sv_bounds *bounds, sv_arena *scratc
   return SV_OK;
 }
 
+static void align(lab_prior *p, const sv_bounds *bounds) {
+  p->n_aligned = sv_prior_align_to_ball(p->prior, bounds);
+  if (p->n_aligned > 0)
+    lab_say(p->session, "depth priors of %d views: scale and shift from the ball around the scene",
+            p->n_aligned);
+}
+
 static sv_status begin_calls(lab_prior *p, sv_err *err) {
   const lab_options *o = p->o;
   p->n_views = o->prior_views > 0 ? (int)o->prior_views : LAB_PRIOR_VIEWS;
@@ -273,7 +281,9 @@ sv_status lab_prior_begin(lab_prior *p, const lab_prior_input *run, const sv_bou
                      p->views->frames[i].path);
   sv_status s = lab_prior_load(p, err);
   if (s == SV_OK && p->command) s = begin_calls(p, err);
-  return s == SV_OK && p->method ? measure(p, bounds, scratch, err) : s;
+  if (s == SV_OK && p->method) s = measure(p, bounds, scratch, err);
+  if (s == SV_OK && p->n_files + p->n_depths > 0) align(p, bounds);
+  return s;
 }
 
 // Calls stay at their places however late one is: those that are past by now are left out.

@@ -26,6 +26,7 @@ typedef struct {
   float next; // progress of the next call
   int n_calls, n_pictures, n_depths;
   int n_files, n_maps; // depth maps of the dataset, and of the views themselves
+  int n_aligned;       // relative maps whose scale and shift were solved
   bool is_off;         // a call failed; training goes on without
   double seconds;
   sv_view *request;  // [n_views] of the last call
