@@ -132,14 +132,16 @@ static sv_status write_rows(const sv_store *st, const sv_mesh *m, sv_err *err) {
   return s;
 }
 
-static sv_status write_ply(const sv_store *st, const sv_mesh *m, bool is_metric, sv_err *err) {
-  char header[512];
+static sv_status write_ply(const sv_store *st, const sv_mesh *m, sv_unit unit, sv_err *err) {
+  char header[512], sigma[64] = "";
+  if (unit.scale_sigma > 0)
+    sv_fmt(sigma, sizeof sigma, "comment scale_sigma: %.3g\n", (double)unit.scale_sigma);
   const size_t n = sv_fmt(header, sizeof header,
-                          "ply\nformat binary_little_endian 1.0\ncomment subview\n%s"
+                          "ply\nformat binary_little_endian 1.0\ncomment subview\n%s%s"
                           "element vertex %d\nproperty float x\nproperty float y\nproperty float z\n"
                           "property uchar red\nproperty uchar green\nproperty uchar blue\n"
                           "element face %d\nproperty list uchar int vertex_indices\nend_header\n",
-                          is_metric ? "comment unit: m\n" : "", m->n_vertices, m->n_triangles);
+                          unit.is_metric ? "comment unit: m\n" : "", sigma, m->n_vertices, m->n_triangles);
   sv_status s = st->begin(st->self, "mesh.ply", err);
   if (s < 0) return s;
   s = st->write(st->self, header, n, err);
@@ -170,5 +172,5 @@ sv_status mesh_out_save(mesh_out *m, sv_app *app, sv_err *err) {
   m->n_vertices = mesh.n_vertices;
   m->n_triangles = mesh.n_triangles;
   m->voxel = (double)voxel;
-  return write_ply(&app->port.store, &mesh, sv_app_is_metric(app), err);
+  return write_ply(&app->port.store, &mesh, sv_app_unit(app), err);
 }

@@ -2,18 +2,26 @@
 #include "platform/codec/gzip.h"
 
 #include <stdlib.h>
+#include <string.h>
 #include <zlib.h>
 
 #define WITH_GZIP_HEADER (16 + MAX_WBITS)
 
-sv_status sv_gzip(const sv_piece *piece, int n_pieces, uint8_t **out, size_t *bytes, sv_err *err) {
+sv_status sv_gzip(const sv_piece *piece, int n_pieces, const sv_piece *extra, uint8_t **out, size_t *bytes,
+                  sv_err *err) {
   z_stream z = {0};
+  gz_header header = {.os = 255}; // not told
   uLong total = 0;
   *out = NULL;
   for (int i = 0; i < n_pieces; i++) total += (uLong)piece[i].bytes;
   if (total > 0x7fffffff ||
       deflateInit2(&z, Z_DEFAULT_COMPRESSION, Z_DEFLATED, WITH_GZIP_HEADER, 8, Z_DEFAULT_STRATEGY))
     return sv_fail(err, SV_E_NOMEM, "gzip: %lu bytes cannot be compressed", total);
+  if (extra && extra->bytes) {
+    header.extra = (Bytef *)(uintptr_t)extra->data;
+    header.extra_len = (uInt)extra->bytes;
+    deflateSetHeader(&z, &header);
+  }
   uLong cap = deflateBound(&z, total);
   uint8_t *o = malloc(cap);
   int r = o ? Z_OK : Z_MEM_ERROR;
@@ -68,4 +76,15 @@ sv_status sv_gunzip(const sv_file_data *file, size_t cap, uint8_t **out, size_t 
   free(o);
   if (r == Z_OK) return sv_fail(err, SV_E_RANGE, "%s: holds more than the %zu bytes expected", name, cap);
   return sv_fail(err, SV_E_FORMAT, "%s: its gzip stream is damaged or cut", name);
+}
+
+// ID 1f 8b, method, flags (4: extra field), time, 2 bytes; then the field's length and itself.
+size_t sv_gzip_extra(const sv_file_data *file, uint8_t out[SV_GZIP_CAP_EXTRA]) {
+  const uint8_t *d = file->data;
+  if (file->bytes < 12 || d[0] != 0x1f || d[1] != 0x8b || !(d[3] & 4)) return 0;
+  size_t n = d[10] | (size_t)d[11] << 8;
+  if (n > file->bytes - 12) return 0;
+  if (n > SV_GZIP_CAP_EXTRA) n = SV_GZIP_CAP_EXTRA;
+  memcpy(out, d + 12, n);
+  return n;
 }

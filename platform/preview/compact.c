@@ -86,7 +86,8 @@ static void put_header(uint8_t *o, const sv_feed_model *m, uint64_t seq, float u
   sv_put_lef32(o + 48, m->dilation_px2);
   sv_put_le32(o + 52, m->n_bodies);
   sv_put_le32(o + 56, m->n_knots);
-  sv_put_le32(o + 60, (m->is_metric ? 1u : 0) | m->n_eyes << 8);
+  const float ppm = m->scale_sigma > 0 ? fminf(1e6f * m->scale_sigma + 0.5f, 65535) : 0;
+  sv_put_le32(o + 60, (m->is_metric ? 1u : 0) | m->n_eyes << 8 | (uint32_t)ppm << 16);
   for (int i = 0; i < 16; i++) sv_put_lef32(o + 64 + 4 * i, floats[i]);
 }
 

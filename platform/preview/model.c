@@ -76,7 +76,7 @@ static pv_blob *make_ply(const sv_feed_model *m) {
                       .sh_degree = (int)m->sh_degree,
                       .is_mip = m->is_mip != 0,
                       .has_normals = true,
-                      .is_metric = m->is_metric != 0,
+                      .unit = {.is_metric = m->is_metric != 0, .scale_sigma = m->scale_sigma},
                       .dilation_px2 = m->dilation_px2,
                       .up = sv_up_name(m->up)};
   pv_blob *b = pv_blob_make(sv_ply_file_bytes(&o), 0);
@@ -126,7 +126,9 @@ static pv_blob *make_splat(const sv_feed_model *m) {
 
 static pv_blob *make_spz(const sv_feed_model *m) { // version 3: what most viewers read
   sv_spz z = {.version = 3, .n = m->n, .sh_degree = (int)m->sh_degree, .is_mip = m->is_mip != 0};
-  uint8_t header[SV_SPZ_HEADER_BYTES], *packed = malloc(sv_spz_bytes(&z)), *gz = NULL;
+  z.unit = (sv_unit){.is_metric = m->is_metric != 0, .scale_sigma = m->scale_sigma};
+  uint8_t header[SV_SPZ_HEADER_BYTES], extra[SV_SPZ_UNIT_BYTES], *packed = malloc(sv_spz_bytes(&z)),
+                                                                 *gz = NULL;
   size_t bytes = 0;
   sv_err err;
   sv_turn turn;
@@ -140,8 +142,9 @@ static pv_blob *make_spz(const sv_feed_model *m) { // version 3: what most viewe
   }
   sv_spz_header(&z, header);
   sv_piece pieces[2] = {{header, sizeof header}, {packed, sv_spz_bytes(&z)}};
+  const sv_piece unit = {extra, sv_spz_put_extra(&z, extra)};
   pv_blob *b = NULL;
-  if (sv_gzip(pieces, 2, &gz, &bytes, &err) == SV_OK && (b = pv_blob_make(bytes, 0)))
+  if (sv_gzip(pieces, 2, &unit, &gz, &bytes, &err) == SV_OK && (b = pv_blob_make(bytes, 0)))
     memcpy(b->data, gz, bytes);
   free(packed);
   free(gz);

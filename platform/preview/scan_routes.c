@@ -179,7 +179,8 @@ static sv_feed_model *snapshot_of(const void *file, size_t bytes) {
   m->sh_degree = (uint32_t)ply.sh_degree;
   m->n_floats = (uint32_t)n_floats;
   m->is_mip = ply.is_mip;
-  m->is_metric = ply.is_metric;
+  m->is_metric = ply.unit.is_metric;
+  m->scale_sigma = ply.unit.scale_sigma;
   m->dilation_px2 = ply.dilation_px2;
   sv_status r = SV_OK;
   for (uint32_t i = 0; i < m->n && r >= 0; i++) {

@@ -258,6 +258,10 @@ static sv_status read_poses(const json_t *j, int t, sv_capture *c) {
     k = next_token(j, k);
   }
   c->n_poses = j->tokens[t].size;
+  const int sigma = find(j, 0, "scale_sigma");
+  c->scale_sigma = 0;
+  if (sigma >= 0 && (!read_double(j, sigma, &c->scale_sigma) || !(c->scale_sigma >= 0 && c->scale_sigma < 1)))
+    return bad(j, sigma, "scale_sigma", "a share from 0 to 1");
   return SV_OK;
 }
 

@@ -71,6 +71,7 @@ typedef struct {
   int n_frames;           // of all cameras
   sv_capture_pose *poses; // [n_poses]
   int n_poses;
+  double scale_sigma; // of the poses, relative (src/base/unit.h); 0: not known
 } sv_capture;
 
 // Reads DIR/capture.json, or, without one, DIR as a folder of pictures (sv_capture_of_pictures),

@@ -46,6 +46,13 @@ static int n_attributes(const sv_glb *z) { return 5 + n_sh(z->sh_degree); }
 static size_t bin_bytes(const sv_glb *z) { return at_of(z, n_attributes(z)); }
 size_t sv_glb_bytes(const sv_glb *z) { return BIN_AT + bin_bytes(z); }
 
+static void add_unit(sv_str *s, const sv_unit *u) {
+  if (!u->is_metric) return;
+  sv_str_add(s, ",\"extras\":{\"unit\":\"m\"");
+  if (u->scale_sigma > 0) sv_str_add(s, ",\"scale_sigma\":%.3g", (double)u->scale_sigma);
+  sv_str_add(s, "}");
+}
+
 static void add_name(sv_str *s, int i) {
   static const char *const names[] = {"POSITION", EXTENSION ":ROTATION", EXTENSION ":SCALE",
                                       EXTENSION ":OPACITY", "COLOR_0"};
@@ -76,7 +83,9 @@ sv_status sv_glb_head(const sv_glb *z, uint8_t *file, sv_err *err) {
   sv_put_le32(file + 16, JSON_CHUNK);
   // its terminator is overwritten by the next part
   sv_str s = sv_str_make((char *)file + 20, JSON_BYTES + 1);
-  sv_str_add(&s, "{\"asset\":{\"version\":\"2.0\",\"generator\":\"subview\"},\"extensionsUsed\":[\"" EXTENSION
+  sv_str_add(&s, "{\"asset\":{\"version\":\"2.0\",\"generator\":\"subview\"");
+  add_unit(&s, &z->unit);
+  sv_str_add(&s, "},\"extensionsUsed\":[\"" EXTENSION
                  "\"],\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}],"
                  "\"meshes\":[{\"primitives\":[{\"mode\":0,\"attributes\":{");
   for (int i = 0; i < n_attributes(z); i++) {
@@ -198,6 +207,19 @@ static sv_status read_fields(sv_glb_reader *r, source *s, sv_err *err) {
   return t < 0 ? t : SV_OK;
 }
 
+// Extras of other programs are skipped.
+static void read_unit(const sv_json *j, sv_unit *unit) {
+  const int i = sv_json_get(j, sv_json_get(j, 0, "asset"), "extras");
+  char text[8] = "";
+  double sigma = 0;
+  sv_err err;
+  if (i < 0 || !sv_json_is_object(j, i)) return;
+  if (sv_json_get_string(j, i, "unit", text, sizeof text, &err) != SV_OK) return;
+  const sv_status s = sv_json_get_double(j, i, "scale_sigma", &sigma, &err);
+  unit->is_metric = sv_str_eq(text, "m");
+  if (s == SV_OK && sigma > 0 && sigma < 1) unit->scale_sigma = (float)sigma;
+}
+
 sv_status sv_glb_open(sv_glb_reader *r, const sv_file_data *file, jsmntok_t *tok, sv_err *err) {
   const char *name = file->name;
   const uint8_t *d = file->data;
@@ -219,6 +241,7 @@ sv_status sv_glb_open(sv_glb_reader *r, const sv_file_data *file, jsmntok_t *tok
                 .attributes = find_primitive(&j)};
   if (src.attributes < 0)
     return sv_fail(err, SV_E_NOT_FOUND, "%s: expected a primitive with " EXTENSION ", found none", name);
+  read_unit(&j, &r->unit);
   return read_fields(r, &src, err);
 }
 

@@ -11,6 +11,7 @@
 #include <stdint.h>
 
 #include "src/base/file_data.h"
+#include "src/base/unit.h"
 #include "src/format/gaussian.h"
 #include "src/format/json.h"
 
@@ -27,6 +28,7 @@ typedef struct {
   uint32_t n; // Gaussians counted by extend
   int sh_degree;
   float min[3], max[3];
+  sv_unit unit; // written as "extras" of the asset where it is known
 } sv_glb;
 
 void sv_glb_extend(sv_glb *z, const sv_gaussian *g);
@@ -43,6 +45,7 @@ typedef struct {
 typedef struct {
   uint32_t n;
   int sh_degree;
+  sv_unit unit; // of the "extras" that sv_glb_head writes; glTF itself always says meters
   sv_glb_field position, rotation, scale, opacity, sh[SV_GLB_N_SH];
 } sv_glb_reader;
 

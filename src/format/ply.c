@@ -157,7 +157,7 @@ static void read_comment(sv_ply *p,
                          // two that Brush writes, and our own; others are ignored
                          sv_word rest) {
   static const char axis[] = "Vertical axis:", mode[] = "SplatRenderMode:", dilation[] = "SplatDilation:",
-                    up[] = "SplatUp:", unit[] = "SplatUnit:";
+                    up[] = "SplatUp:", unit[] = "SplatUnit:", sigma[] = "SplatScaleSigma:";
   while (rest.n && (*rest.t == ' ' || *rest.t == '\t')) {
     rest.t++;
     rest.n--;
@@ -181,7 +181,13 @@ static void read_comment(sv_ply *p,
   } else if (rest.n > sizeof unit - 1 && memcmp(rest.t, unit, sizeof unit - 1) == 0) {
     rest.t += sizeof unit - 1;
     rest.n -= sizeof unit - 1;
-    p->is_metric = sv_word_is(sv_word_next(&rest), "m");
+    p->unit.is_metric = sv_word_is(sv_word_next(&rest), "m");
+  } else if (rest.n > sizeof sigma - 1 && memcmp(rest.t, sigma, sizeof sigma - 1) == 0) {
+    rest.t += sizeof sigma - 1;
+    rest.n -= sizeof sigma - 1;
+    const sv_word v = sv_word_next(&rest);
+    double x;
+    if (sv_parse_double(v.t, v.n, &x) && x > 0 && x < 1) p->unit.scale_sigma = (float)x;
   } else if (rest.n > sizeof mode - 1 && memcmp(rest.t, mode, sizeof mode - 1) == 0) {
     rest.t += sizeof mode - 1;
     rest.n -= sizeof mode - 1;

@@ -12,6 +12,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "src/base/unit.h"
 #include "src/format/gaussian.h"
 
 #ifdef __cplusplus
@@ -35,7 +36,7 @@ typedef struct {
   bool is_mip;        // Brush's "SplatRenderMode: mip"
   float dilation_px2; // our "SplatDilation: 0.1": low-pass used in training, px^2; 0 when absent
   char up[4];         // our "SplatUp: z": the up axis (src/format/axes.h); empty when absent
-  bool is_metric;     // our "SplatUnit: m": the world's unit is the meter
+  sv_unit unit;       // our "SplatUnit: m" and "SplatScaleSigma: 0.0005"
   char vertical[4];   // Brush's "Vertical axis: y" ("y", "-y", "z", ...); empty when absent
 
   const char *name; // from here on private to the reader
@@ -66,7 +67,7 @@ typedef struct {
   const char *up;       // likewise: "SplatUp: z"
   bool is_mip;
   float dilation_px2; // 0: no such comment
-  bool is_metric;     // writes "SplatUnit: m"
+  sv_unit unit;       // writes "SplatUnit: m", and "SplatScaleSigma: 0.0005" where it is known
   bool has_normals;   // writes nx ny nz = 0, which some old readers require
 } sv_ply_options;
 

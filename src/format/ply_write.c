@@ -50,10 +50,15 @@ static bool header_line(const sv_ply_options *o, int i, char line[80]) {
     return true;
   case 7:
     line[0] = 0;
-    if (o->is_metric) sv_fmt(line, 80, "comment SplatUnit: m\n");
+    if (o->unit.is_metric) sv_fmt(line, 80, "comment SplatUnit: m\n");
     return true;
-  case 8: return sv_fmt(line, 80, "element vertex %u\n", o->n) > 0;
-  default: i -= 9;
+  case 8:
+    line[0] = 0;
+    if (o->unit.scale_sigma > 0)
+      sv_fmt(line, 80, "comment SplatScaleSigma: %.3g\n", (double)o->unit.scale_sigma);
+    return true;
+  case 9: return sv_fmt(line, 80, "element vertex %u\n", o->n) > 0;
+  default: i -= 10;
   }
   for (size_t k = 0; k < sizeof props / sizeof *props; k++) {
     if (k >= 3 && k < 6 && !o->has_normals) continue;

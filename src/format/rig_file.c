@@ -333,7 +333,12 @@ static sv_status read_top(const reader *r, const sv_json *j, sv_err *err) {
                         "\"%s\" is not one of direct, light_field, multiplexed", forward);
   r->rig->forward = (sv_forward_kind)f;
   s = read_trigger(j, &r->rig->trigger, err);
-  if (s != SV_OK) return s;
+  r->rig->scale_sigma = 0;
+  if (s == SV_OK) s = sv_json_get_double(j, 0, "scale_sigma", &r->rig->scale_sigma, err);
+  if (s < 0) return s;
+  if (!(r->rig->scale_sigma >= 0 && r->rig->scale_sigma < 1))
+    return sv_json_fail(j, sv_json_get(j, 0, "scale_sigma"), err, SV_E_RANGE,
+                        "\"scale_sigma\" is %g, expected 0 to 1", r->rig->scale_sigma);
   r->rig->n_sub_views = 0;
   if (!sv_json_is_array(j, i_views) || !sv_json_size(j, i_views))
     return sv_json_fail(j, i_views < 0 ? 0 : i_views, err, SV_E_FORMAT,
@@ -436,6 +441,7 @@ sv_status sv_rig_json_write_coverage(sv_str *out, const sv_rig *rig, const sv_co
   sv_str_add_json(out, rig->name);
   sv_str_add(out, "\",\n  \"forward\": \"%s\",\n", forward_names[rig->forward]);
   add_trigger(out, &rig->trigger);
+  if (rig->scale_sigma > 0) sv_str_add(out, "  \"scale_sigma\": %.3g,\n", rig->scale_sigma);
   sv_str_add(out, "  \"sub_views\": [");
   for (int i = 0; i < rig->n_sub_views; i++) {
     const sv_sub_view *v = &rig->sub_views[i];

@@ -13,7 +13,8 @@
 // the light that the reference camera would show (src/rig/photometry.h). At the top, "trigger" may
 // name the cameras' trigger line (src/rig/trigger.h): {"line": "gpio:gpiochip0:17",
 // "period_us": 33333, "width_us": 1000, "polarity": "high" | "low",
-// "mode": "imx296.trigger_mode:1"}.
+// "mode": "imx296.trigger_mode:1"}. "scale_sigma": 0.0004 at the top is one standard deviation of
+// the rig's lengths, relative.
 #ifndef SV_FORMAT_RIG_FILE_H
 #define SV_FORMAT_RIG_FILE_H
 

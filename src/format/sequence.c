@@ -24,7 +24,8 @@ static bool is_good(const sv_sequence_head *h) {
   return h->n >= 1 && h->n <= SV_SEQUENCE_MAX_N && h->n_moving <= h->n && h->n_frames >= 2 &&
          h->n_frames <= SV_SEQUENCE_MAX_T && h->group >= 1 && h->group <= h->n_frames && h->sh_degree >= 0 &&
          h->sh_degree <= 3 && h->radius > 1e-6f && h->radius < 1e9f && h->seconds >= 0 && h->seconds < 1e6f &&
-         h->dilation_px2 >= 0 && h->dilation_px2 < 1e3f;
+         h->unit.scale_sigma >= 0 && h->unit.scale_sigma < 1 && h->dilation_px2 >= 0 &&
+         h->dilation_px2 < 1e3f;
 }
 
 // --- the head ------------------------------------------------------------------------------------
@@ -35,13 +36,14 @@ static void put_head(const sv_sequence_head *h, uint64_t base_bytes, uint8_t out
                              h->n_frames,
                              h->group,
                              (uint32_t)h->sh_degree,
-                             (h->is_mip ? 1u : 0) | (h->is_metric ? 2u : 0),
+                             (h->is_mip ? 1u : 0) | (h->unit.is_metric ? 2u : 0),
                              (uint32_t)base_bytes,
                              0};
   const float floats[6] = {h->dilation_px2, h->seconds, h->centre[0], h->centre[1], h->centre[2], h->radius};
   memset(out, 0, SV_SEQUENCE_HEAD_BYTES);
   for (int i = 0; i < 8; i++) sv_put_le32(out + 4 * i, words[i]);
   for (int i = 0; i < 6; i++) sv_put_lef32(out + 32 + 4 * i, floats[i]);
+  sv_put_lef32(out + 28, h->unit.scale_sigma);
   memcpy(out + 56, h->up, 3);
   for (int r = 0; r < SV_GAUSSIAN_FLOATS; r++)
     sv_put_lef32(out + 64 + 4 * r, r < sv_sequence_n_rows(h) ? sv_sequence_step(h, r) : 0);
@@ -59,7 +61,7 @@ static sv_status get_head(sv_sequence_reader *r, sv_err *err) {
                           .group = sv_le32(in + 12),
                           .sh_degree = degree <= 3 ? (int)degree : -1,
                           .is_mip = flags & 1,
-                          .is_metric = flags >> 1 & 1,
+                          .unit = {.is_metric = flags >> 1 & 1, .scale_sigma = sv_lef32(in + 28)},
                           .dilation_px2 = sv_lef32(in + 32),
                           .seconds = sv_lef32(in + 36),
                           .centre = {sv_lef32(in + 40), sv_lef32(in + 44), sv_lef32(in + 48)},

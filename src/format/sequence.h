@@ -11,6 +11,7 @@
 #include <stdbool.h>
 
 #include "src/base/file_data.h"
+#include "src/base/unit.h"
 #include "src/format/gaussian.h"
 #include "src/format/sections.h"
 
@@ -28,7 +29,8 @@ typedef struct {
   uint32_t n_frames;       // 2..SV_SEQUENCE_MAX_T, evenly from time 0 to 1
   uint32_t group;          // frames from one keyframe to the next, at least 1
   int sh_degree;           // 0..3
-  bool is_mip, is_metric;  // as in the model's PLY
+  bool is_mip;             // as in the model's PLY
+  sv_unit unit;            // likewise
   float dilation_px2;      // 0: not said
   float seconds;           // from the first frame to the last
   float centre[3], radius; // of the scene; the radius sets the step of positions

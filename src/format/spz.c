@@ -11,6 +11,8 @@
 
 #define MAGIC     0x5053474eu // "NGSP"
 #define FLAG_MIP  1
+#define FLAG_MORE 2           // version 4: there are extension records
+#define UNIT_TYPE 0x53560001u // of ours: float meters of a unit, float sigma of the scale
 #define CAP_N     100000000u
 #define DC_SCALE  0.15
 #define HALF_SQRT 0.70710678118654752
@@ -145,6 +147,46 @@ void sv_spz_get(const sv_spz *z, const uint8_t *a, uint32_t i, sv_gaussian *g) {
   sv_gaussian_turn(g, SV_TURN_X);
 }
 
+// --- the unit ------------------------------------------------------------------------------------
+
+static void put_unit(const sv_unit *u, uint8_t o[8]) {
+  sv_put_lef32(o, 1);
+  sv_put_lef32(o + 4, u->scale_sigma);
+}
+
+static void get_unit(sv_unit *u, const uint8_t *d) {
+  const float sigma = sv_lef32(d + 4);
+  u->is_metric = sv_lef32(d) == 1.0f;
+  u->scale_sigma = sigma > 0 && sigma < 1 ? sigma : 0;
+}
+
+size_t sv_spz_put_extra(const sv_spz *z, uint8_t o[SV_SPZ_UNIT_BYTES]) {
+  if (!z->unit.is_metric) return 0;
+  memcpy(o, "SV\x08\x00", 4);
+  put_unit(&z->unit, o + 4);
+  return SV_SPZ_UNIT_BYTES;
+}
+
+void sv_spz_get_extra(sv_spz *z, const uint8_t *d, size_t bytes) {
+  for (size_t at = 0; at + 4 <= bytes;) {
+    const size_t n = d[at + 2] | (size_t)d[at + 3] << 8;
+    if (n > bytes - at - 4) return;
+    if (d[at] == 'S' && d[at + 1] == 'V' && n == 8) get_unit(&z->unit, d + at + 4);
+    at += 4 + n;
+  }
+}
+
+// Records from byte 32 to the table. Those of other vendors are skipped, and so is all behind a
+// damaged length.
+static void get_records(sv_spz *z, const uint8_t *d, size_t table) {
+  for (size_t at = 32; at + 8 <= table;) {
+    const size_t n = sv_le32(d + at + 4);
+    if (n > table - at - 8) return;
+    if (sv_le32(d + at) == UNIT_TYPE && n == 8) get_unit(&z->unit, d + at + 8);
+    at += 8 + n;
+  }
+}
+
 // --- headers -------------------------------------------------------------------------------------
 
 void sv_spz_header(const sv_spz *z, uint8_t o[SV_SPZ_HEADER_BYTES]) {
@@ -162,15 +204,22 @@ size_t sv_spz_head4(const sv_spz *z, const uint64_t compressed[SV_SPZ_N_STREAMS]
   memset(o, 0, SV_SPZ_HEAD4_BYTES);
   sv_spz_header(z, o);
   const int n = z->sh_degree > 0 ? SV_SPZ_N_STREAMS : SV_SPZ_N_STREAMS - 1;
+  const size_t table = z->unit.is_metric ? 48 : 32;
   o[15] = (uint8_t)n;
-  sv_put_le32(o + 16, 32);
+  if (z->unit.is_metric) {
+    o[14] |= FLAG_MORE;
+    sv_put_le32(o + 32, UNIT_TYPE);
+    sv_put_le32(o + 36, 8);
+    put_unit(&z->unit, o + 40);
+  }
+  sv_put_le32(o + 16, (uint32_t)table);
   for (int i = 0; i < n; i++) {
     size_t at, bytes;
     sv_spz_stream(z, i, &at, &bytes);
-    sv_put_le64(o + 32 + 16 * i, compressed[i]);
-    sv_put_le64(o + 40 + 16 * i, bytes);
+    sv_put_le64(o + table + 16 * (size_t)i, compressed[i]);
+    sv_put_le64(o + table + 8 + 16 * (size_t)i, bytes);
   }
-  return 32 + 16 * (size_t)n;
+  return table + 16 * (size_t)n;
 }
 
 bool sv_spz_is_4(const uint8_t *data, size_t bytes) { return bytes >= 4 && sv_le32(data) == MAGIC; }
@@ -221,6 +270,7 @@ sv_status sv_spz_open4(sv_spz *z, const sv_file_data *file, size_t at[SV_SPZ_N_S
                    name, n, table);
   if (table > bytes || 16 * (size_t)n > bytes - table)
     return sv_fail(err, SV_E_FORMAT, "%s: the file ends early, before the end of its table of streams", name);
+  if (d[14] & FLAG_MORE) get_records(z, d, table);
   size_t next = table + 16 * (size_t)n;
   for (int i = 0; i < SV_SPZ_N_STREAMS; i++) {
     size_t ignored, raw;

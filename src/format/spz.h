@@ -14,6 +14,8 @@
 // The file's axes are right-up-back (RUB). Models are assumed right-down-forward (-y is up), as in
 // 3DGS PLY files of COLMAP scenes, and turned by 180 degrees about x. Readers that keep the file's
 // numbers show y and z negated.
+// The unit of lengths, where it is known: in version 4 an extension record (type 0x53560001) before
+// the table, in versions 2 and 3 a subfield "SV" of gzip's header. Other readers skip both.
 #ifndef SV_FORMAT_SPZ_H
 #define SV_FORMAT_SPZ_H
 
@@ -21,6 +23,7 @@
 #include <stdint.h>
 
 #include "src/base/file_data.h"
+#include "src/base/unit.h"
 #include "src/format/gaussian.h"
 
 #ifdef __cplusplus
@@ -29,7 +32,8 @@ extern "C" {
 
 #define SV_SPZ_N_STREAMS    6
 #define SV_SPZ_HEADER_BYTES 16 // versions 2, 3: the first bytes of the gzip stream
-#define SV_SPZ_HEAD4_BYTES  (32 + 16 * SV_SPZ_N_STREAMS)
+#define SV_SPZ_UNIT_BYTES   12 // of the subfield
+#define SV_SPZ_HEAD4_BYTES  (48 + 16 * SV_SPZ_N_STREAMS)
 
 typedef struct {
   int version; // 2, 3, 4
@@ -37,6 +41,7 @@ typedef struct {
   int sh_degree;
   bool is_mip;
   int fractional_bits; // of positions; writing: 0 for 12
+  sv_unit unit;
 } sv_spz;
 
 // Bytes of the attributes, header not included; 0 when the settings are out of range.
@@ -46,6 +51,10 @@ void sv_spz_stream(const sv_spz *z, int i, size_t *at, size_t *bytes);
 // Gaussian i of z->n into the attributes. Values out of range are clamped.
 void sv_spz_put(const sv_spz *z, uint8_t *attributes, uint32_t i, const sv_gaussian *g);
 void sv_spz_get(const sv_spz *z, const uint8_t *attributes, uint32_t i, sv_gaussian *out);
+
+// Versions 2 and 3: gzip's extra field with the unit, 0 bytes when it is not known; and back.
+size_t sv_spz_put_extra(const sv_spz *z, uint8_t out[SV_SPZ_UNIT_BYTES]);
+void sv_spz_get_extra(sv_spz *z, const uint8_t *extra, size_t bytes);
 
 void sv_spz_header(const sv_spz *z, uint8_t out[SV_SPZ_HEADER_BYTES]);
 // Version 4: header and table, from the compressed sizes of the streams (an empty stream is left

@@ -267,7 +267,10 @@ sv_status sv_transforms_open(sv_transforms *t, const sv_file_data *file, jsmntok
   if (s == SV_OK) s = get_path(j, 0, "ply_file_path", t->ply_file_path, err);
   char unit[16] = "";
   if (s >= 0) s = sv_json_get_string(j, 0, "world_unit", unit, sizeof unit, err);
-  t->is_metric = strcmp(unit, "m") == 0;
+  t->unit.is_metric = strcmp(unit, "m") == 0;
+  double sigma = 0;
+  if (s >= 0) s = sv_json_get_double(j, 0, "world_scale_sigma", &sigma, err);
+  if (sigma > 0 && sigma < 1) t->unit.scale_sigma = (float)sigma;
   return s < 0 ? s : SV_OK;
 }
 

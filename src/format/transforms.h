@@ -8,6 +8,7 @@
 #include <stdbool.h>
 
 #include "calib/model.h"
+#include "src/base/unit.h"
 #include "src/base/vec.h"
 #include "src/format/json.h"
 #include "src/rig/rig.h"
@@ -59,7 +60,8 @@ typedef struct {
   sv_json json;
   int n_frames;
   char ply_file_path[SV_TRANSFORMS_CAP_PATH]; // the initial points; empty when absent
-  bool is_metric;                             // our "world_unit": "m": poses are in meters
+  // of the poses: our "world_unit": "m" and "world_scale_sigma"
+  sv_unit unit;
 } sv_transforms;
 
 // Checks the file and its top level. sv_json_count tells how many tokens it takes; the file and

@@ -144,6 +144,7 @@ typedef struct {
   float time_min, time_max, seconds; // of a moving scene: times of its exposures, and their
                                      // duration
   uint32_t is_metric;                // the unit of the world is the meter
+  float scale_sigma;                 // of the unit, as in src/base/unit.h
   uint32_t n_eyes;
   sv_feed_eye eyes[SV_FEED_CAP_EYES]; // where the images of the training were taken
 } sv_feed_model;

@@ -223,7 +223,9 @@ static void fill_viewpoint(const sv_preview *l, sv_feed_model *m) {
   const sv_view *v = sv_driver_n_views(t) ? sv_driver_view(t, 0) : NULL;
   for (int k = 0; k < 3; k++) m->centre[k] = t->centre[k];
   m->radius = t->radius;
-  m->is_metric = l->cfg.calls.is_metric(l->cfg.calls.self);
+  const sv_unit unit = l->cfg.calls.unit(l->cfg.calls.self);
+  m->is_metric = unit.is_metric;
+  m->scale_sigma = unit.scale_sigma;
   sv_pictures_up(t, m->up);
   m->eye[2] = -3;
   m->fov_y = 0.8f;

@@ -8,6 +8,7 @@
 #define SV_PREVIEW_PREVIEW_H
 
 #include "src/base/arena.h"
+#include "src/base/unit.h"
 #include "src/capture/capture.h"
 #include "src/image/planes.h"
 #include "src/port/feed.h"
@@ -29,7 +30,7 @@ typedef struct {
   bool (*is_stopping)(void *self);
   sv_status (*save)(void *self, sv_err *err);  // E_IO: not now, the run goes on
   sv_heat (*heat)(void *self);                 // of the processor, now
-  bool (*is_metric)(void *self);               // the unit of the world is the meter
+  sv_unit (*unit)(void *self);                 // of the world
   float (*time_of)(void *self, sv_ns time_ns); // the model's time of a moment of the host's clock
 } sv_preview_calls;
 

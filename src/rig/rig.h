@@ -76,6 +76,7 @@ typedef struct {
   sv_arena *splines;      // memory for control points of splined lenses; NULL: such lenses are
                           // refused
   sv_trigger trigger;     // of all cameras; kind NONE: none
+  double scale_sigma;     // one standard deviation of its lengths, relative; 0: not known
 } sv_rig;
 
 // `arena` is also where a reader puts control points of splined lenses (rig->splines).

@@ -234,7 +234,7 @@ static void init_capture(sv_app *app) {
 static bool is_stopping(void *self) { return sv_app_is_stop_requested(self); }
 static sv_status save(void *self, sv_err *err) { return sv_app_save_all(self, err); }
 static void beat(void *self) { sv_app_beat(self); }
-static bool is_metric(void *self) { return sv_app_is_metric(self); }
+static sv_unit unit(void *self) { return sv_app_unit(self); }
 static float time_of(void *self, sv_ns time_ns) { return sv_app_time_of(self, time_ns); }
 
 static void init_preview(sv_app *app) {
@@ -266,7 +266,7 @@ static void init_preview(sv_app *app) {
                                         .is_stopping = is_stopping,
                                         .save = save,
                                         .heat = heat_now,
-                                        .is_metric = is_metric,
+                                        .unit = unit,
                                         .time_of = time_of}};
   sv_preview_init(&app->preview, &cfg);
 }

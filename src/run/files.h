@@ -73,9 +73,9 @@ sv_status sv_app_resume(sv_app *app, sv_err *err) SV_MUST_USE;
 
 // With is_refining: the trainer's poses into the exposures, and how far they moved into the log.
 void sv_app_take_poses(sv_app *app);
-// Whether lengths of the model are meters: the rig has a baseline, and odometry, where it gave the
-// poses, measured the scale by it.
-bool sv_app_is_metric(const sv_app *app);
+// The unit of the model. Lengths are meters when the rig has a baseline and odometry, where it gave
+// the poses, measured the scale by it. The scale is as uncertain as the rig's and odometry's.
+sv_unit sv_app_unit(const sv_app *app);
 // poses.json, as subview-calibrate pose writes it.
 sv_status sv_app_write_poses(sv_app *app, sv_sink sink, sv_err *err) SV_MUST_USE;
 // The memory map as text, a line for each part; or as elements of a JSON array.

@@ -30,16 +30,22 @@ void sv_app_take_poses(sv_app *app) {
 }
 
 sv_status sv_app_write_poses(sv_app *app, sv_sink sink, sv_err *err) {
-  static const char head[] = "{\"version\": 1, \"poses\": [", tail[] = "\n]}\n";
+  static const char tail[] = "\n]}\n";
+  const bool is_tracked = app->odometry.is_tracked;
   char line[LINE_BYTES];
   bool has = false;
-  sv_status s = sink.write(sink.self, head, sizeof head - 1, err);
+  sv_str head = sv_str_make(line, sizeof line);
+  sv_str_add(&head, "{\"version\": 1, ");
+  if (is_tracked && app->odometry.summary.scale_sigma > 0)
+    sv_str_add(&head, "\"scale_sigma\": %.3g, ", app->odometry.summary.scale_sigma);
+  sv_str_add(&head, "\"poses\": [");
+  sv_status s = sink.write(sink.self, head.buf, head.len, err);
   for (int i = 0; i < app->exposures.n && s >= 0; i++) {
     const sv_exposure *e = &app->exposures.exposure[i];
     double q[4];
     const double *t = e->rig_from_world.t;
     sv_str out = sv_str_make(line, sizeof line);
-    if (app->odometry.is_tracked && !e->has_pose) continue;
+    if (is_tracked && !e->has_pose) continue;
     sv_quat_from_mat(q, e->rig_from_world.r);
     sv_str_add(
         &out,

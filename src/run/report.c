@@ -158,7 +158,9 @@ static void add_appearance(sv_str *s, const sv_app *app) {
 static void add_odometry(sv_str *s, const sv_app *app) {
   const sv_odometry *o = &app->odometry;
   const sv_track_summary *m = &o->summary;
-  if (sv_app_is_metric(app)) sv_str_add(s, "  \"unit\": \"m\",\n");
+  const sv_unit unit = sv_app_unit(app);
+  if (unit.is_metric) sv_str_add(s, "  \"unit\": \"m\",\n");
+  if (unit.scale_sigma > 0) sv_str_add(s, "  \"scale_sigma\": %.3g,\n", (double)unit.scale_sigma);
   if (!o->is_on || !m->n_exposures) return;
   sv_str_add(s,
              "  \"odometry\": {\"is_still\": %s, \"is_tracked\": %s, \"exposures\": %d, \"placed\": %d, "

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Saving what a run leaves. A store that refuses costs a warning while training. At the end it is
 // asked for some seconds, then what it does not take goes to the port's second place.
+#include <math.h>
 #include <string.h>
 
 #include "src/run/app.h"
@@ -26,10 +27,12 @@ const char *sv_app_file_name(sv_app_file f) {
 
 // --- one file ------------------------------------------------------------------------------------
 
-bool sv_app_is_metric(const sv_app *app) {
+sv_unit sv_app_unit(const sv_app *app) {
   const sv_odometry *o = &app->odometry;
-  if (app->cfg.rig->n_sub_views < 2) return false;
-  return !o->is_tracked || (o->summary.scale_sigma >= 0 && o->summary.scale_sigma <= SV_ODOMETRY_SCALE_DOUBT);
+  const double rig = app->cfg.rig->scale_sigma, tracked = o->is_tracked ? o->summary.scale_sigma : 0;
+  if (app->cfg.rig->n_sub_views < 2 || tracked < 0 || tracked > SV_ODOMETRY_SCALE_DOUBT)
+    return (sv_unit){.is_metric = false};
+  return (sv_unit){.is_metric = true, .scale_sigma = (float)sqrt(rig * rig + tracked * tracked)};
 }
 
 static sv_status write_model(sv_app *app, sv_sink sink, sv_err *err) {
@@ -38,7 +41,7 @@ static sv_status write_model(sv_app *app, sv_sink sink, sv_err *err) {
   const sv_model_notes notes = {.is_mip = app->trainer.cfg.is_antialiased,
                                 .dilation_px2 = app->trainer.cfg.dilation_px2,
                                 .up = sv_up_name(up),
-                                .is_metric = sv_app_is_metric(app)};
+                                .unit = sv_app_unit(app)};
   return sv_model_write_ply(&app->trainer.g, &notes, sink, &app->files.ply, err);
 }
 
@@ -49,7 +52,7 @@ static sv_status write_sequence(sv_app *app, sv_sink sink, sv_err *err) {
   sv_arena scratch = app->scratch;
   sv_sequence_head h = {.n_frames = (uint32_t)sv_app_n_frames(&app->cfg),
                         .is_mip = t->cfg.is_antialiased,
-                        .is_metric = sv_app_is_metric(app),
+                        .unit = sv_app_unit(app),
                         .dilation_px2 = t->cfg.dilation_px2,
                         .seconds = (float)sv_ns_to_s(app->moving.last_ns - app->moving.first_ns),
                         .radius = t->radius};
@@ -171,7 +174,8 @@ static sv_status save_each(sv_app *app, put_fn put_file, sv_err *err) {
   const bool is_wanted[SV_APP_N_FILES] = {[SV_APP_FILE_MODEL] = true,
                                           [SV_APP_FILE_MOTION] = app->cfg.is_dynamic,
                                           [SV_APP_FILE_SEQUENCE] = sv_app_has_sequence(&app->cfg),
-                                          [SV_APP_FILE_POSES] = app->cfg.is_refining,
+                                          [SV_APP_FILE_POSES] =
+                                              app->cfg.is_refining || app->odometry.is_tracked,
                                           [SV_APP_FILE_CHECKPOINT] = true};
   sv_status first = SV_OK;
   if (app->cfg.is_refining) sv_app_take_poses(app);

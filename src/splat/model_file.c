@@ -9,7 +9,7 @@ sv_status sv_model_write_ply(const sv_gaussians *g, const sv_model_notes *notes,
                       .is_mip = notes->is_mip,
                       .dilation_px2 = notes->dilation_px2,
                       .up = notes->up,
-                      .is_metric = notes->is_metric,
+                      .unit = notes->unit,
                       .has_normals = true};
   sv_status s = sv_gaussians_check(g, err);
   if (s >= 0) s = sv_ply_write_begin(w, sink, &o, err);

@@ -14,12 +14,12 @@ extern "C" {
 
 // What a file says beside the Gaussians: trained with anti-aliasing (Brush's "SplatRenderMode:
 // mip"), and with this low-pass (0: not said); up in the world (src/format/axes.h; NULL: not said);
-// whether the world's unit is the meter.
+// the world's unit.
 typedef struct {
   bool is_mip;
   float dilation_px2;
   const char *up;
-  bool is_metric;
+  sv_unit unit;
 } sv_model_notes;
 // w: workspace of the call.
 sv_status sv_model_write_ply(const sv_gaussians *g, const sv_model_notes *notes, sv_sink sink,

@@ -34,8 +34,10 @@ size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
     sv_gaussians_put(&g, k, &v);
   }
   snprintf(path, sizeof path, "/tmp/fuzz_viewer_%ld", (long)getpid());
-  const sv_status s = kind < 3    ? lab_write_spz(&g, i % 2, 2 + kind, "z", path, NULL)
-                      : kind == 3 ? lab_write_glb(&g, NULL, path, NULL)
+  const sv_model_notes notes = {
+      .is_mip = i % 2, .up = "z", .unit = {.is_metric = i % 2, .scale_sigma = 0.001f}};
+  const sv_status s = kind < 3    ? lab_write_spz(&g, &notes, 2 + kind, path, NULL)
+                      : kind == 3 ? lab_write_glb(&g, &notes, path, NULL)
                                   : lab_write_splat(&g, path, NULL);
   if (s != SV_OK) return 0;
   buf[0] = (uint8_t)(kind < 3 ? 0 : kind - 2);
@@ -47,14 +49,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t bytes) {
   sv_err err = {0};
   sv_spz z;
   size_t at[SV_SPZ_N_STREAMS], packed[SV_SPZ_N_STREAMS];
-  bool is_mip = false;
+  sv_model_notes notes;
   void *block = NULL;
   if (bytes < 2) return 0;
   const sv_file_data file = {names[data[0] % 3], data + 1, bytes - 1};
   if (!lab_is_viewer_format(file.name, file.data, file.bytes)) return 0;
   if (sv_spz_is_4(file.data, file.bytes) && sv_spz_open4(&z, &file, at, packed, &err) == SV_OK && z.n > CAP_N)
     return 0;
-  const sv_status s = lab_read_viewer_format(&g, &is_mip, &block, &file, &err);
+  const sv_status s = lab_read_viewer_format(&g, &notes, &block, &file, &err);
   FUZZ_CHECK(s == SV_OK || (s < 0 && err.text[0]));
   for (int i = 0; s == SV_OK && i < g.n && i < 50; i++) {
     sv_gaussian v;

@@ -55,16 +55,30 @@ TEST(test_upright) {
   lab_shell_need(&shell);
   read_model(&model, "m/model.ply");
   assert_string_equal(model.up, "z");
-  assert_true(model.is_metric); // as the simulator's dataset says
+  assert_true(model.unit.is_metric); // as the simulator's dataset says
   export("--format ply --for supersplat --out down.ply");
   read_model(&other, "down.ply");
   assert_string_equal(other.up, "-y");
-  assert_true(other.is_metric);
+  assert_true(other.unit.is_metric);
   lab_shell_run_well(&shell, "@ import --from nerfstudio ds --out again --quiet && "
                              "grep -q '\"world_unit\": \"m\"' again/transforms.json && "
                              "sed -i 's/\"world_unit\": \"m\",//' again/transforms.json && "
                              "@ train --data again --gaussians 50 --steps 2 --out bare --quiet && "
                              "! grep -a SplatUnit bare/model.ply");
+  // How well the scale is known goes from the dataset to the model and to what is exported.
+  lab_shell_run_well(&shell,
+                     "@ import --from nerfstudio ds --out sized --quiet && "
+                     "sed -i 's/\"world_unit\": \"m\",/\"world_unit\": \"m\", \"world_scale_sigma\": 0.02,/' "
+                     "sized/transforms.json && "
+                     "@ train --data sized --gaussians 50 --steps 2 --out sized_m --quiet && "
+                     "grep -aq 'SplatScaleSigma: 0.02' sized_m/model.ply && "
+                     "@ export --model sized_m/model.ply --format spz --out sized.spz --quiet && "
+                     "@ export --model sized.spz --format ply --out sized.ply --quiet && "
+                     "grep -aq 'SplatUnit: m' sized.ply && grep -aq 'SplatScaleSigma: 0.02' sized.ply && "
+                     "@ export --model sized_m/model.ply --format glb --out sized.glb --quiet && "
+                     "grep -aq '\"extras\":{\"unit\":\"m\",\"scale_sigma\":0.02}' sized.glb && "
+                     "@ import --from nerfstudio sized --out sized_again --quiet && "
+                     "grep -q '\"world_scale_sigma\": 0.02' sized_again/transforms.json");
   for (int i = 0; i < N; i++) {
     sv_gaussian a, b;
     sv_gaussians_get(&model.g, i, &a);

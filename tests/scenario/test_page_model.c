@@ -231,7 +231,8 @@ static void check_downloads(void) {
   snprintf(path, sizeof path, "%s/out/model.ply", root);
   must_download("/model.ply", path);
   snprintf(path, sizeof path, "%s/model.spz", root);
-  assert_int_equal(lab_write_spz(&model.g, model.is_mip, 3, model.up, path, &err), SV_OK);
+  const sv_model_notes notes = lab_model_notes(&model);
+  assert_int_equal(lab_write_spz(&model.g, &notes, 3, path, &err), SV_OK);
   must_download("/model.spz", path);
   snprintf(path, sizeof path, "%s/model.splat", root);
   assert_int_equal(lab_write_splat(&model.g, path, &err), SV_OK);

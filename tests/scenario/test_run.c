@@ -457,7 +457,7 @@ TEST(test_smallest_run) {
   open_world("textured,rig=mono,size=33x17", 1); // no baseline, no unit
   w.cfg.steps = 2;
   world_run_well(&w);
-  assert_false(sv_app_is_metric(&w.app));
+  assert_false(sv_app_unit(&w.app).is_metric);
   world_close(&w);
   for (int n = 1; n <= 17; n += 8) { // 1, 9, 17 Gaussians
     open_world("textured,rig=mono,size=33x17", 1);

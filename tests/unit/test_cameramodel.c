@@ -224,6 +224,24 @@ TEST(test_rig_with_a_trigger) {
   }
 }
 
+// How well the rig's lengths are known goes through the file.
+TEST(test_rig_scale_sigma) {
+  static const char text[] = "{\"version\":1,\"name\":\"bench\",\"forward\":\"direct\",\"scale_sigma\":%s"
+                             ",\"sub_views\":[" VIEW("left", "left.cameramodel", "0") "]}";
+  sv_rig rig, back;
+  char buf[1024], with[512];
+  sv_fmt(with, sizeof with, text, "0.0004");
+  assert_ok(read_rig(with, &rig), &err);
+  assert_true(rig.scale_sigma == 0.0004);
+  sv_str s = sv_str_make(buf, sizeof buf);
+  assert_int_equal(sv_rig_json_write(&s, &rig), SV_OK);
+  assert_ok(read_rig(buf, &back), &err);
+  assert_true(back.scale_sigma == 0.0004);
+  sv_fmt(with, sizeof with, text, "-1");
+  assert_int_equal(read_rig(with, &rig), SV_E_RANGE);
+  assert_contains(err.text, "scale_sigma");
+}
+
 TEST(test_rig_shutter) {
   sv_rig rig, back;
   const char *text = RIG("{\"name\":\"left\",\"model\":\"left.cameramodel\",\"camera\":0,\"readout_ms\":18.5,"
@@ -357,6 +375,7 @@ int main(void) {
                                      cmocka_unit_test(test_refused),
                                      cmocka_unit_test(test_rig),
                                      cmocka_unit_test(test_rig_with_a_trigger),
+                                     cmocka_unit_test(test_rig_scale_sigma),
                                      cmocka_unit_test(test_rig_shutter),
                                      cmocka_unit_test(test_rig_noise),
                                      cmocka_unit_test(test_rig_with_a_sensor),

@@ -129,10 +129,11 @@ static void path_of(char out[400], const char *name) { snprintf(out, 400, "%s/%s
 
 static void write_as(const lab_model *m, int kind, const char *path) {
   sv_err err;
+  const sv_model_notes notes = {.is_mip = m->is_mip, .unit = {.is_metric = true, .scale_sigma = 0.001f}};
   sv_status s = kind == 0   ? lab_write_splat(&m->g, path, &err)
-                : kind == 1 ? lab_write_glb(&m->g, NULL, path, &err)
-                : kind == 5 ? lab_write_compressed_ply(&m->g, &(sv_model_notes){.is_mip = false}, path, &err)
-                            : lab_write_spz(&m->g, m->is_mip, kind, NULL, path, &err);
+                : kind == 1 ? lab_write_glb(&m->g, &notes, path, &err)
+                : kind == 5 ? lab_write_compressed_ply(&m->g, &notes, path, &err)
+                            : lab_write_spz(&m->g, &notes, kind, path, &err);
   if (s == SV_E_UNSUPPORTED && kind == 4) skip();
   if (s != SV_OK) fail_msg("%s", err.text);
 }
@@ -305,8 +306,11 @@ TEST(test_up) {
     for (int kind = 1; kind < 4; kind++) {
       lab_model m = make_model(3), back;
       path_of(path, names[kind]);
-      if (kind == 1) assert_int_equal(lab_write_glb(&m.g, ups[u], path, &err), SV_OK);
-      else assert_int_equal(lab_write_spz(&m.g, true, kind, ups[u], path, &err), SV_OK);
+      if (kind == 1)
+        assert_int_equal(lab_write_glb(&m.g, &(sv_model_notes){.up = ups[u]}, path, &err), SV_OK);
+      else
+        assert_int_equal(
+            lab_write_spz(&m.g, &(sv_model_notes){.is_mip = true, .up = ups[u]}, kind, path, &err), SV_OK);
       assert_ok(lab_model_read(&back, path, &err), &err);
       for (int i = 0; i < N; i++) {
         sv_gaussian got, want = fixture[i];
@@ -332,10 +336,11 @@ TEST(test_up) {
     }
     lab_model m = make_model(1), back;
     path_of(path, "up.ply");
-    assert_int_equal(lab_model_write(&m.g, &(sv_model_notes){.up = ups[u], .is_metric = u == 1}, path, &err),
-                     SV_OK);
+    assert_int_equal(
+        lab_model_write(&m.g, &(sv_model_notes){.up = ups[u], .unit = {.is_metric = u == 1}}, path, &err),
+        SV_OK);
     assert_int_equal(lab_model_read(&back, path, &err), SV_OK);
-    assert_int_equal(lab_model_notes(&back).is_metric, u == 1);
+    assert_int_equal(lab_model_notes(&back).unit.is_metric, u == 1);
     assert_string_equal(back.up, ups[u]);
     sv_gaussian got;
     sv_gaussians_get(&back.g, 7, &got);
@@ -362,12 +367,12 @@ TEST(test_damage) {
     assert_int_equal(sv_file_read(path, &data, &bytes, &err), SV_OK);
     for (size_t n = 1; n < bytes; n += n < 200 ? 1 : 37) {
       sv_gaussians g;
-      bool is_mip;
+      sv_model_notes notes;
       void *block;
       uint8_t *part = malloc(n); // of exactly its size, for the address sanitizer
       memcpy(part, data, n);
       err.text[0] = 0;
-      sv_status s = lab_read_viewer_format(&g, &is_mip, &block, &(sv_file_data){cut, part, n}, &err);
+      sv_status s = lab_read_viewer_format(&g, &notes, &block, &(sv_file_data){cut, part, n}, &err);
       if (s == SV_OK) {
         assert_int_equal(kind, 0); // a whole number of .splat records cannot be told from a whole
                                    // file
@@ -380,16 +385,42 @@ TEST(test_damage) {
     uint8_t *copy = malloc(bytes);
     for (size_t i = 0; i < bytes && i < 4000; i += 3) {
       sv_gaussians g;
-      bool is_mip;
+      sv_model_notes notes;
       void *block = NULL;
       memcpy(copy, data, bytes);
       copy[i] ^= (uint8_t)(1 << i % 8);
-      if (lab_read_viewer_format(&g, &is_mip, &block, &(sv_file_data){cut, copy, bytes}, &err) == SV_OK)
+      if (lab_read_viewer_format(&g, &notes, &block, &(sv_file_data){cut, copy, bytes}, &err) == SV_OK)
         free(block);
     }
     free(copy);
     free(data);
   }
+}
+
+// The unit and its deviation come back from each format that has a place for them.
+static void test_unit(void **state) {
+  static const char *const files[] = {"u.glb", "u2.spz", "u3.spz", "u4.spz", "u.ply"};
+  sv_err err;
+  char path[400];
+  (void)state;
+  for (int kind = 1; kind <= 5; kind++)
+    for (int is_known = 0; is_known < 2; is_known++) {
+      lab_model m = make_model(1), back;
+      const sv_model_notes notes = {.is_mip = true,
+                                    .unit = {.is_metric = is_known, .scale_sigma = is_known ? 0.00125f : 0}};
+      path_of(path, files[kind - 1]);
+      const sv_status s = kind == 1   ? lab_write_glb(&m.g, &notes, path, &err)
+                          : kind == 5 ? lab_model_write(&m.g, &notes, path, &err)
+                                      : lab_write_spz(&m.g, &notes, kind, path, &err);
+      if (kind == 4 && s == SV_E_UNSUPPORTED) continue; // a build without zstd
+      assert_int_equal(s, SV_OK);
+      assert_int_equal(lab_model_read(&back, path, &err), SV_OK);
+      assert_int_equal(back.unit.is_metric, is_known);
+      assert_float_equal(back.unit.scale_sigma, notes.unit.scale_sigma, 1e-9);
+      assert_int_equal(back.g.n, m.g.n);
+      lab_model_free(&back);
+      lab_model_free(&m);
+    }
 }
 
 // --- an independent reader -----------------------------------------------------------------------
@@ -465,10 +496,10 @@ FIXTURE(remove_dir) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_turns),       cmocka_unit_test(test_any_turn), cmocka_unit_test(test_up),
-      cmocka_unit_test(test_splat),       cmocka_unit_test(test_glb),      cmocka_unit_test(test_spz2),
-      cmocka_unit_test(test_spz3),        cmocka_unit_test(test_spz4),     cmocka_unit_test(test_damage),
-      cmocka_unit_test(test_independent),
+      cmocka_unit_test(test_turns), cmocka_unit_test(test_any_turn),    cmocka_unit_test(test_up),
+      cmocka_unit_test(test_splat), cmocka_unit_test(test_glb),         cmocka_unit_test(test_spz2),
+      cmocka_unit_test(test_spz3),  cmocka_unit_test(test_spz4),        cmocka_unit_test(test_damage),
+      cmocka_unit_test(test_unit),  cmocka_unit_test(test_independent),
   };
   return cmocka_run_group_tests(tests, make_dir, remove_dir);
 }

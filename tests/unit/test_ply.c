@@ -53,7 +53,7 @@ TEST(test_round_trip) {
                           .vertical = "-y",
                           .is_mip = degree == 2,
                           .dilation_px2 = degree == 1 ? 0.1f : 0.0f,
-                          .is_metric = degree == 3,
+                          .unit = {.is_metric = degree == 3, .scale_sigma = 0.001f * (float)degree},
                           .has_normals = normals != 0};
       memset(&mem, 0, sizeof mem);
       assert_int_equal(sv_ply_write_begin(&w, (sv_sink){&mem, to_memory}, &o, &err), SV_OK);
@@ -69,7 +69,8 @@ TEST(test_round_trip) {
       assert_int_equal(p.n, N);
       assert_int_equal(p.sh_degree, degree);
       assert_int_equal(p.is_mip, degree == 2);
-      assert_int_equal(p.is_metric, degree == 3);
+      assert_int_equal(p.unit.is_metric, degree == 3);
+      assert_float_equal(p.unit.scale_sigma, 0.001f * (float)degree, 1e-9);
       assert_float_equal(p.dilation_px2, o.dilation_px2, 1e-7);
       assert_string_equal(p.vertical, "-y");
       for (int i = N - 1; i >= 0; i--) {

@@ -147,13 +147,15 @@ static sv_status open_with_poses(const char *text, sv_err *err) {
 TEST(poses_from_a_file) {
   sv_err err = {.text = ""};
   sv_pose p;
-  assert_int_equal(open_with_poses("{\"version\": 1, \"poses\": [\n {\"time_ns\": 1000000000, "
-                                   "\"rig_from_world\": [1, 0, 0, 0, 4, 5, 6]},\n {\"time_ns\": 1200000000, "
-                                   "\"rig_from_world\": [1, 0, 0, 0, 6, 5, 6]}\n]}\n",
-                                   &err),
-                   SV_OK);
+  assert_int_equal(
+      open_with_poses("{\"version\": 1, \"scale_sigma\": 0.0007, \"poses\": [\n {\"time_ns\": 1000000000, "
+                      "\"rig_from_world\": [1, 0, 0, 0, 4, 5, 6]},\n {\"time_ns\": 1200000000, "
+                      "\"rig_from_world\": [1, 0, 0, 0, 6, 5, 6]}\n]}\n",
+                      &err),
+      SV_OK);
   sv_source s = sv_replay_source(&g_replay);
   assert_int_equal(s.rig_pose(s.self, 1100000000, &p), SV_OK);
+  assert_true(g_replay.capture.scale_sigma == 0.0007);
   assert_true(fabs(p.t[0] - 5) < 1e-9 && p.t[1] == 5 && p.t[2] == 6); // not the capture's own
   sv_replay_close(&g_replay);
   static const struct {
@@ -165,6 +167,9 @@ TEST(poses_from_a_file) {
       {"{\"version\": 1}", "poses"},
       {"{\"version\": 1, \"poses\": []}", "at least one"},
       {"{\"version\": 1, \"poses\": [7]}", "poses"},
+      {"{\"version\": 1, \"scale_sigma\": -1, \"poses\": [{\"time_ns\": 1, \"rig_from_world\": "
+       "[1,0,0,0,0,0,0]}]}",
+       "scale_sigma"},
       {"{\"version\": 1, \"poses\": [{\"time_ns\": 1, \"rig_from_world\": [2,0,0,0,0,0,0]}]}", "quaternion"},
       {"{\"version\": 1, \"poses\": [{\"time_ns\": 1, \"rig_from_world\": [1,0,0,0,0,0,0]}, "
        "{\"time_ns\": 1, \"rig_from_world\": [1,0,0,0,0,0,0]}]}",

@@ -36,7 +36,7 @@ static const sv_sequence_head usual = {.n = N,
                                        .n_frames = N_FRAMES,
                                        .group = SV_SEQUENCE_GROUP,
                                        .sh_degree = 1,
-                                       .is_metric = true,
+                                       .unit = {.is_metric = true, .scale_sigma = 0.002f},
                                        .seconds = 2,
                                        .radius = 2,
                                        .up = "z"};
@@ -90,7 +90,7 @@ TEST(test_values_are_within_half_a_step) {
   open_file(&r, write_file(&usual));
   assert_int_equal(r.head.n_frames, N_FRAMES);
   assert_string_equal(r.head.up, "z");
-  assert_true(r.head.is_metric && !r.head.is_mip);
+  assert_true(r.head.unit.is_metric && r.head.unit.scale_sigma == 0.002f && !r.head.is_mip);
   check_frame(&r, NULL);
   for (size_t k = 0; k < sizeof order / sizeof *order; k++) {
     assert_ok(sv_sequence_read_frame(&r, order[k], &err), &err);

@@ -43,12 +43,26 @@ static int check_words(const cal_options *o) {
   return CAL_EXIT_OK;
 }
 
+// Relative deviation of the rig's lengths: that of the distance which is known best. 0: one camera.
+// The board's spacing is taken as it was given.
+static double scale_sigma(const sv_boards_result *r) {
+  double least = 0;
+  for (int c = 1; c < r->n_cameras; c++) {
+    double centre[3];
+    sv_pose_centre(centre, &r->cam_from_rig[c]);
+    const double sigma = r->cameras[c].translation_sd_m / sv_norm3(centre);
+    if (sigma > 0 && sigma < 1 && (least == 0 || sigma < least)) least = sigma;
+  }
+  return least;
+}
+
 static sv_status write_rig(const cal_options *o, const cal_boards *b, const sv_boards_result *r,
                            sv_err *err) {
   sv_sub_view *views = calloc((size_t)b->n_cameras, sizeof *views);
   if (!views) return sv_fail(err, SV_E_NOMEM, "%s: no memory to write the rig", o->out);
   sv_rig rig = {.forward = SV_FORWARD_DIRECT, .n_sub_views = b->n_cameras, .cap_sub_views = b->n_cameras};
   rig.sub_views = views;
+  rig.scale_sigma = scale_sigma(r);
   sv_fmt(rig.name, sizeof rig.name, "%.31s", o->name ? o->name : sv_path_name(o->out));
   if (!*rig.name) sv_fmt(rig.name, sizeof rig.name, "rig");
   for (int c = 0; c < b->n_cameras; c++) {
@@ -103,6 +117,7 @@ static void report(lab_report *j, const cal_boards *b, const sv_boards_result *r
   lab_report_int(j, "corners", r->n_points);
   lab_report_int(j, "outliers", r->n_outliers);
   lab_report_int(j, "frames", b->n_frames);
+  lab_report_num(j, "scale_sigma", scale_sigma(r));
   lab_report_num(j, "board_bend_x_m", r->warp_m[0]);
   lab_report_num(j, "board_bend_y_m", r->warp_m[1]);
   lab_report_array(j, "cameras");

@@ -172,13 +172,16 @@ static sv_status end(sv_file *f, sv_status s, sv_err *err) {
 }
 
 // The member "poses" of a capture.json, on its own.
-static sv_status write_poses(const cal_options *o, int n, sv_err *err) {
+static sv_status write_poses(const cal_options *o, int n, double scale_sigma, sv_err *err) {
   sv_file f;
   char buf[LINE_BYTES * 2];
   bool has = false;
   sv_status s = begin(&f, o, "poses.json", err);
-  static const char head[] = "{\"version\": 1, \"poses\": [";
-  if (s >= 0) s = sv_file_append(&f, head, sizeof head - 1, err);
+  sv_str head = sv_str_make(buf, sizeof buf);
+  sv_str_add(&head, "{\"version\": 1, ");
+  if (scale_sigma > 0) sv_str_add(&head, "\"scale_sigma\": %.3g, ", scale_sigma);
+  sv_str_add(&head, "\"poses\": [");
+  if (s >= 0) s = sv_file_append(&f, head.buf, head.len, err);
   for (int i = 0; i < n && s >= 0; i++) {
     const sv_pose *pose = &p.tracker->pose[i];
     double q[4];
@@ -268,7 +271,7 @@ static int run(const cal_options *o) {
     return fail(&err);
   }
   s = sv_path_make_folder(o->out, &err);
-  if (s >= 0) s = write_poses(o, n, &err);
+  if (s >= 0) s = write_poses(o, n, m.scale_sigma, &err);
   if (s >= 0) s = write_cloud(o, &m, &err);
   if (s < 0) return fail(&err);
   tell(o, &m);

@@ -352,7 +352,7 @@ static sv_status collect(lab_views *v, const file *f, const bool *is_in, const l
   for (int i = 0, k = 0; i < f->t.n_frames; i++)
     if (is_in[i]) v->frames[k++] = (lab_frame){.f = f->frames[i], .i_measurement = -1};
   v->scale = src->scale > 1 ? src->scale : 1;
-  v->is_metric = f->t.is_metric;
+  v->unit = f->t.unit;
   if (*f->t.ply_file_path) {
     sv_status s = sv_path_join(v->points, sizeof v->points, folder, f->t.ply_file_path, err);
     if (s != SV_OK) return s;

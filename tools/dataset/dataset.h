@@ -85,7 +85,7 @@ typedef struct {
   int cap_width_px, cap_height_px;
   size_t cap_floats; // largest padded plane
   bool is_undistorted, has_depth;
-  bool is_metric;                          // the file says that poses are in meters
+  sv_unit unit;                            // of the poses, as the file says
   int n_masked;                            // views with a mask
   char transforms[SV_TRANSFORMS_CAP_PATH]; // name of the file that was read
   char points[SV_CAP_PATH];                // its points, empty when it names none

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A capture folder with its rig -> a dataset: frames of all cameras that belong together are one
 // exposure.
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -127,7 +128,9 @@ sv_status lab_import_capture(lab_import *im, const char *dir, sv_err *err) {
     s = load(src, dir, err);
   }
   if (s == SV_OK) s = add_exposures(im, dir, src, err);
-  im->is_metric = s == SV_OK && src->rig.n_sub_views > 1;
+  if (s == SV_OK && src->rig.n_sub_views > 1)
+    im->unit = (sv_unit){.is_metric = true,
+                         .scale_sigma = (float)hypot(src->rig.scale_sigma, src->capture.scale_sigma)};
   free(block);
   free(src);
   return s;

@@ -30,7 +30,7 @@ typedef struct {
   int n_points, cap_points;
   // views that were placed by their rig only; images of the rig that were not found
   int n_from_rig, n_lost;
-  bool is_metric; // poses are in meters: those of a rig with a baseline
+  sv_unit unit; // of the poses: meters for a rig with a baseline
 } lab_import;
 
 // Room for one more, cleared ("not said" everywhere); NULL without memory.

@@ -51,7 +51,7 @@ sv_status lab_import_transforms_file(lab_import *im, const char *dir, const char
   sv_status s = lab_views_open(&v, &src, &serial, err);
   if (s == SV_OK) s = add_views(im, &v, mark, err);
   if (s == SV_OK) s = add_points(im, v.points, err);
-  if (s == SV_OK) im->is_metric = v.is_metric;
+  if (s == SV_OK) im->unit = v.unit;
   lab_views_free(&v);
   return s;
 }

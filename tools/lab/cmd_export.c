@@ -92,9 +92,9 @@ static sv_status write_still(const lab_options *o, lab_model *m, lab_session *se
     s = lab_settings_for(&st, o, m, err);
     return s == SV_OK ? lab_write_html(m, &st, path, err) : s;
   }
-  if (sv_str_eq(o->format, "sog")) return lab_write_sog(&m->g, m->is_mip, &se->pool, path, err);
-  if (sv_str_eq(o->format, "spz")) return lab_write_spz(&m->g, m->is_mip, version, notes.up, path, err);
-  if (sv_str_eq(o->format, "glb")) return lab_write_glb(&m->g, notes.up, path, err);
+  if (sv_str_eq(o->format, "sog")) return lab_write_sog(&m->g, &notes, &se->pool, path, err);
+  if (sv_str_eq(o->format, "spz")) return lab_write_spz(&m->g, &notes, version, path, err);
+  if (sv_str_eq(o->format, "glb")) return lab_write_glb(&m->g, &notes, path, err);
   if (sv_str_eq(o->format, "compressed-ply")) return lab_write_compressed_ply(&m->g, &notes, path, err);
   return lab_model_write(&m->g, &notes, path, err);
 }

@@ -110,7 +110,9 @@ static size_t put_header(char out[CAP_HEADER], const sv_gaussians *g, int n_rest
                                           "packed_color"};
   sv_str t = sv_str_make(out, CAP_HEADER);
   sv_str_add(&t, "ply\nformat binary_little_endian 1.0\n");
-  if (notes->is_metric) sv_str_add(&t, "comment SplatUnit: m\n");
+  if (notes->unit.is_metric) sv_str_add(&t, "comment SplatUnit: m\n");
+  if (notes->unit.scale_sigma > 0)
+    sv_str_add(&t, "comment SplatScaleSigma: %.3g\n", (double)notes->unit.scale_sigma);
   sv_str_add(&t, "element chunk %d\n", (g->n + CHUNK - 1) / CHUNK);
   add_names(&t, of_chunk, 2 * N_RANGES, "float");
   sv_str_add(&t, "element vertex %d\n", g->n);

@@ -85,7 +85,7 @@ sv_status lab_write_delta(lab_model *m, const lab_session *se, int n_frames, con
                             .is_mip = m->is_mip,
                             .dilation_px2 = m->dilation_px2,
                             .up = m->up[0] ? m->up : NULL,
-                            .is_metric = m->is_metric,
+                            .unit = m->unit,
                             .has_normals = true};
   sv_ply_writer w;
   sv_file f;

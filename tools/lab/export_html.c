@@ -23,7 +23,8 @@ static sv_feed_model *snapshot(const lab_model *m, const lab_settings *st) {
                        .is_mip = m->is_mip,
                        .dilation_px2 = st->dilation_px2,
                        .radius = st->radius,
-                       .is_metric = m->is_metric,
+                       .is_metric = m->unit.is_metric,
+                       .scale_sigma = m->unit.scale_sigma,
                        .fov_y = FOV_Y};
   double up[3] = {0, -1, 0};
   (void)sv_up_axis(*m->up ? m->up : SV_UP_DEFAULT, up);

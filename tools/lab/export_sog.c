@@ -206,12 +206,14 @@ static sv_status add_sh(sog *s, float *all, sv_str *t, sv_err *err) {
 
 // --- the file ------------------------------------------------------------------------------------
 
-static sv_status make(sog *s, bool is_mip, float *all, sv_err *err) {
+static sv_status make(sog *s, const sv_model_notes *notes, float *all, sv_err *err) {
   static const coded_row scales = {"scales", "scales.webp", scale_of, false},
                          colors = {"sh0", "sh0.webp", color_of, true};
   sv_str t = sv_str_make(s->meta, sizeof s->meta);
-  sv_str_add(&t, "{\"version\":2,\"asset\":{\"generator\":\"subview %s\"},\"count\":%d,\"antialias\":%s,\n",
-             LAB_VERSION, s->n, is_mip ? "true" : "false");
+  sv_str_add(&t, "{\"version\":2,\"asset\":{\"generator\":\"subview %s\"", LAB_VERSION);
+  if (notes->unit.is_metric) sv_str_add(&t, ",\"unit\":\"m\"");
+  if (notes->unit.scale_sigma > 0) sv_str_add(&t, ",\"scale_sigma\":%.3g", (double)notes->unit.scale_sigma);
+  sv_str_add(&t, "},\"count\":%d,\"antialias\":%s,\n", s->n, notes->is_mip ? "true" : "false");
   sv_status r = add_means(s, &t, err);
   if (r == SV_OK) r = add_coded(s, &scales, all, &t, err);
   if (r == SV_OK) r = add_quats(s, &t, err);
@@ -239,8 +241,8 @@ static sv_status write(const sog *s, const char *path, sv_err *err) {
   return r == SV_OK ? sv_file_write(path, s->meta, bytes, err) : r;
 }
 
-sv_status lab_write_sog(const sv_gaussians *g, bool is_mip, const sv_pool *pool, const char *path,
-                        sv_err *err) {
+sv_status lab_write_sog(const sv_gaussians *g, const sv_model_notes *notes, const sv_pool *pool,
+                        const char *path, sv_err *err) {
   static const int rest[] = {0, 3, 8, 15};
   sog *s = calloc(1, sizeof *s);
   if (!s) return sv_fail(err, SV_E_NOMEM, "%s: no memory", path);
@@ -256,7 +258,7 @@ sv_status lab_write_sog(const sv_gaussians *g, bool is_mip, const sv_pool *pool,
   float *all = malloc((size_t)s->n * (size_t)(s->n_rest ? 3 * s->n_rest : 3) * sizeof *all);
   sv_status r =
       s->v && s->rgba && all ? SV_OK : sv_fail(err, SV_E_NOMEM, "%s: no memory for %d Gaussians", path, s->n);
-  if (r == SV_OK) r = make(s, is_mip, all, err);
+  if (r == SV_OK) r = make(s, notes, all, err);
   if (r == SV_OK) r = write(s, path, err);
   for (int i = 0; i < s->n_files; i++) WebPFree((void *)(uintptr_t)s->file[i].data);
   free(all);
@@ -266,10 +268,10 @@ sv_status lab_write_sog(const sv_gaussians *g, bool is_mip, const sv_pool *pool,
   return r;
 }
 #else
-sv_status lab_write_sog(const sv_gaussians *g, bool is_mip, const sv_pool *pool, const char *path,
-                        sv_err *err) {
+sv_status lab_write_sog(const sv_gaussians *g, const sv_model_notes *notes, const sv_pool *pool,
+                        const char *path, sv_err *err) {
   (void)g;
-  (void)is_mip;
+  (void)notes;
   (void)pool;
   return sv_fail(err, SV_E_UNSUPPORTED,
                  "%s: this build has no libwebp, which SOG needs (Debian: libwebp-dev)", path);

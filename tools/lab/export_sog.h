@@ -15,7 +15,7 @@
 
 // path: NAME.sog, or DIR/meta.json (images beside it). The model's up must be SV_UP_DEFAULT, which
 // readers expect. E_UNSUPPORTED in a build without libwebp.
-sv_status lab_write_sog(const sv_gaussians *g, bool is_mip, const sv_pool *pool, const char *path,
-                        sv_err *err) SV_MUST_USE;
+sv_status lab_write_sog(const sv_gaussians *g, const sv_model_notes *notes, const sv_pool *pool,
+                        const char *path, sv_err *err) SV_MUST_USE;
 
 #endif

@@ -67,7 +67,7 @@ typedef struct {
   void *block;
   bool is_mip;
   float dilation_px2; // 0: not said
-  bool is_metric;     // the file says that the unit is the meter
+  sv_unit unit;       // as the file says
   char up[4];         // empty: not said
   uint64_t digest;    // as sv_train_digest
   sv_deform deform;   // of motion.bin beside the model; kind NONE without

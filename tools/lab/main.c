@@ -48,7 +48,7 @@ static const lab_command commands[] = {
       "in\n"
       "the scene's unit (meters where the model says so), with the half width of a 90 % interval from how "
       "well\n"
-      "the model tells the depth there. The scale is that of the poses.",
+      "the model tells the depth there and, where the model says so, from how well its scale is known.",
       "  subview-lab measure --data out/demo/data --model out/demo/stereo/model.ply --view 0 --from 100,120 "
       "--to "
       "200,120",

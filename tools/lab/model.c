@@ -31,7 +31,7 @@ static sv_status fill(lab_model *m, const char *path, sv_ply *ply, sv_err *err) 
   m->is_mip = ply->is_mip;
   m->dilation_px2 = ply->dilation_px2;
   memcpy(m->up, ply->up, sizeof m->up);
-  m->is_metric = ply->is_metric;
+  m->unit = ply->unit;
   return SV_OK;
 }
 
@@ -100,8 +100,8 @@ sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
     return s;
   }
   bool is_ply = !lab_is_viewer_format(path, data, bytes);
-  if (!is_ply)
-    s = lab_read_viewer_format(&m->g, &m->is_mip, &m->block, &(sv_file_data){path, data, bytes}, err);
+  sv_model_notes notes = {.is_mip = false};
+  if (!is_ply) s = lab_read_viewer_format(&m->g, &notes, &m->block, &(sv_file_data){path, data, bytes}, err);
   else s = sv_ply_open(&ply, path, data, bytes, err);
   if (is_ply && s == SV_OK && ply.kind != SV_PLY_GAUSSIANS)
     s = sv_fail(err, SV_E_FORMAT,
@@ -113,6 +113,10 @@ sv_status lab_model_read(lab_model *m, const char *path, sv_err *err) {
   if (s != SV_OK) {
     lab_model_free(m);
     return s;
+  }
+  if (!is_ply) {
+    m->is_mip = notes.is_mip;
+    m->unit = notes.unit;
   }
   if (is_ply)
     // other formats are still: what moves beside them is another model
@@ -141,10 +145,8 @@ sv_status lab_motion_at(const lab_motion *m, const lab_session *s, sv_gaussians 
 }
 
 sv_model_notes lab_model_notes(const lab_model *m) {
-  return (sv_model_notes){.is_mip = m->is_mip,
-                          .dilation_px2 = m->dilation_px2,
-                          .up = m->up[0] ? m->up : NULL,
-                          .is_metric = m->is_metric};
+  return (sv_model_notes){
+      .is_mip = m->is_mip, .dilation_px2 = m->dilation_px2, .up = m->up[0] ? m->up : NULL, .unit = m->unit};
 }
 
 sv_status lab_model_begin(sv_file *f, const sv_gaussians *g, const sv_model_notes *notes, const char *path,

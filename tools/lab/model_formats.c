@@ -119,13 +119,18 @@ static sv_status unpack_zstd(sv_spz *z, const sv_file_data *file, uint8_t **pack
 }
 #endif
 
-sv_status lab_write_spz(const sv_gaussians *g, bool is_mip, int version, const char *up, const char *path,
+sv_status lab_write_spz(const sv_gaussians *g, const sv_model_notes *notes, int version, const char *path,
                         sv_err *err) {
-  sv_spz z = {.version = version, .n = (uint32_t)g->n, .sh_degree = g->sh_degree, .is_mip = is_mip};
-  uint8_t header[SV_SPZ_HEADER_BYTES], *gz = NULL, *packed = malloc(sv_spz_bytes(&z));
+  sv_spz z = {.version = version,
+              .n = (uint32_t)g->n,
+              .sh_degree = g->sh_degree,
+              .is_mip = notes->is_mip,
+              .unit = notes->unit};
+  uint8_t header[SV_SPZ_HEADER_BYTES], extra[SV_SPZ_UNIT_BYTES], *gz = NULL,
+                                                                 *packed = malloc(sv_spz_bytes(&z));
   size_t bytes;
   sv_turn turn;
-  sv_turn_upright(&turn, up);
+  sv_turn_upright(&turn, notes->up);
   if (!packed) return sv_fail(err, SV_E_NOMEM, "%s: no memory for %d Gaussians", path, g->n);
   for (int i = 0; i < g->n; i++) {
     sv_gaussian v;
@@ -135,7 +140,9 @@ sv_status lab_write_spz(const sv_gaussians *g, bool is_mip, int version, const c
   }
   sv_spz_header(&z, header);
   sv_piece pieces[2] = {{header, sizeof header}, {packed, sv_spz_bytes(&z)}};
-  sv_status s = version == 4 ? write_zstd(&z, packed, path, err) : sv_gzip(pieces, 2, &gz, &bytes, err);
+  const sv_piece unit = {extra, sv_spz_put_extra(&z, extra)};
+  sv_status s =
+      version == 4 ? write_zstd(&z, packed, path, err) : sv_gzip(pieces, 2, &unit, &gz, &bytes, err);
   if (s == SV_OK && version != 4) s = sv_file_write(path, gz, bytes, err);
   free(packed);
   free(gz);
@@ -144,11 +151,11 @@ sv_status lab_write_spz(const sv_gaussians *g, bool is_mip, int version, const c
 
 // --- GLB -----------------------------------------------------------------------------------------
 
-sv_status lab_write_glb(const sv_gaussians *g, const char *up, const char *path, sv_err *err) {
-  sv_glb z = {.sh_degree = g->sh_degree};
+sv_status lab_write_glb(const sv_gaussians *g, const sv_model_notes *notes, const char *path, sv_err *err) {
+  sv_glb z = {.sh_degree = g->sh_degree, .unit = notes->unit};
   sv_gaussian v;
   sv_turn turn;
-  sv_turn_upright(&turn, up);
+  sv_turn_upright(&turn, notes->up);
   for (int i = 0; i < g->n; i++) {
     sv_gaussians_get(g, i, &v);
     sv_gaussian_turn_by(&v, &turn);
@@ -196,7 +203,7 @@ static sv_status read_splat(sv_gaussians *g, void **block, const sv_file_data *f
   return s;
 }
 
-static sv_status read_spz(sv_gaussians *g, bool *is_mip, void **block, const sv_file_data *file,
+static sv_status read_spz(sv_gaussians *g, sv_model_notes *notes, void **block, const sv_file_data *file,
                           sv_err *err) {
   const char *path = file->name;
   sv_spz z;
@@ -207,6 +214,8 @@ static sv_status read_spz(sv_gaussians *g, bool *is_mip, void **block, const sv_
   else {
     s = sv_gunzip(file, (size_t)CAP_N * 65 + SV_SPZ_HEADER_BYTES, &raw, &bytes, err);
     if (s == SV_OK) s = sv_spz_open(&z, &(sv_file_data){path, raw, bytes}, err);
+    uint8_t extra[SV_GZIP_CAP_EXTRA];
+    if (s == SV_OK) sv_spz_get_extra(&z, extra, sv_gzip_extra(file, extra));
   }
   if (s == SV_OK) s = make_room(g, block, path, z.n, z.sh_degree, err);
   for (int i = 0; s == SV_OK && i < g->n; i++) {
@@ -214,13 +223,14 @@ static sv_status read_spz(sv_gaussians *g, bool *is_mip, void **block, const sv_
     sv_spz_get(&z, packed ? packed : raw + SV_SPZ_HEADER_BYTES, (uint32_t)i, &v);
     sv_gaussians_put(g, i, &v);
   }
-  if (s == SV_OK) *is_mip = z.is_mip;
+  if (s == SV_OK) *notes = (sv_model_notes){.is_mip = z.is_mip, .unit = z.unit};
   free(raw);
   free(packed);
   return s;
 }
 
-static sv_status read_glb(sv_gaussians *g, void **block, const sv_file_data *file, sv_err *err) {
+static sv_status read_glb(sv_gaussians *g, sv_model_notes *notes, void **block, const sv_file_data *file,
+                          sv_err *err) {
   const char *path = file->name;
   sv_glb_reader r;
   jsmntok_t *tok = malloc(SV_GLB_CAP_TOKENS * sizeof *tok);
@@ -232,6 +242,7 @@ static sv_status read_glb(sv_gaussians *g, void **block, const sv_file_data *fil
     sv_glb_get(&r, (uint32_t)i, &v);
     sv_gaussians_put(g, i, &v);
   }
+  if (s == SV_OK) notes->unit = r.unit;
   free(tok);
   return s;
 }
@@ -272,12 +283,12 @@ void lab_turn_back(lab_model *m, lab_session *s, const char *path, const char *u
   lab_say(s, "%s: file is Y-up; rotated to the dataset's up axis %s (--up -y keeps it)", path, up);
 }
 
-sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, const sv_file_data *file,
-                                 sv_err *err) {
-  *is_mip = false;
+sv_status lab_read_viewer_format(sv_gaussians *g, sv_model_notes *notes, void **block,
+                                 const sv_file_data *file, sv_err *err) {
+  *notes = (sv_model_notes){.is_mip = false};
   *block = NULL;
-  sv_status s = is_glb(file->data, file->bytes)   ? read_glb(g, block, file, err)
-                : is_spz(file->data, file->bytes) ? read_spz(g, is_mip, block, file, err)
+  sv_status s = is_glb(file->data, file->bytes)   ? read_glb(g, notes, block, file, err)
+                : is_spz(file->data, file->bytes) ? read_spz(g, notes, block, file, err)
                                                   : read_splat(g, block, file, err);
   // Numbers that no model has: a file of another kind, or damage that the format cannot show.
   for (int i = 0; s == SV_OK && i < g->n; i++)

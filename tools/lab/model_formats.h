@@ -14,11 +14,12 @@ extern "C" {
 #endif
 
 sv_status lab_write_splat(const sv_gaussians *g, const char *path, sv_err *err) SV_MUST_USE;
-// Both formats say which way is up: the model is turned there from `up` (src/format/axes.h; NULL:
-// the default). version 2, 3 (gzip) or 4 (zstd; E_UNSUPPORTED in a build without libzstd).
-sv_status lab_write_spz(const sv_gaussians *g, bool is_mip, int version, const char *up, const char *path,
+// Both formats say which way is up: the model is turned there from notes->up (src/format/axes.h;
+// NULL: the default). version 2, 3 (gzip) or 4 (zstd; E_UNSUPPORTED in a build without libzstd).
+sv_status lab_write_spz(const sv_gaussians *g, const sv_model_notes *notes, int version, const char *path,
                         sv_err *err) SV_MUST_USE;
-sv_status lab_write_glb(const sv_gaussians *g, const char *up, const char *path, sv_err *err) SV_MUST_USE;
+sv_status lab_write_glb(const sv_gaussians *g, const sv_model_notes *notes, const char *path,
+                        sv_err *err) SV_MUST_USE;
 // PlayCanvas's compressed PLY (export_compressed.c). The model's up must be SV_UP_DEFAULT.
 sv_status lab_write_compressed_ply(const sv_gaussians *g, const sv_model_notes *notes, const char *path,
                                    sv_err *err) SV_MUST_USE;
@@ -31,8 +32,9 @@ bool lab_is_upright(const char *path);
 // says so.
 void lab_turn_back(lab_model *m, lab_session *s, const char *path, const char *up, const lab_views *views);
 // Reads it into Gaussians inside a block of malloc (*block, the caller's to free).
-sv_status lab_read_viewer_format(sv_gaussians *g, bool *is_mip, void **block, const sv_file_data *file,
-                                 sv_err *err) SV_MUST_USE;
+// notes: is_mip and unit, as far as the format has them.
+sv_status lab_read_viewer_format(sv_gaussians *g, sv_model_notes *notes, void **block,
+                                 const sv_file_data *file, sv_err *err) SV_MUST_USE;
 
 // A moving model as numbered still ones in a folder: frame_0000.EXTENSION and on
 // (export_frames.c). `write` writes the model as it is at a time.

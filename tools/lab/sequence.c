@@ -13,7 +13,7 @@ sv_status lab_write_sequence(lab_model *m, const lab_session *se, const lab_sett
                              const char *path, sv_err *err) {
   sv_sequence_head h = {.n_frames = (uint32_t)n_frames,
                         .is_mip = m->is_mip,
-                        .is_metric = m->is_metric,
+                        .unit = m->unit,
                         .dilation_px2 = m->dilation_px2,
                         .radius = st->radius};
   sv_file f;
@@ -68,7 +68,7 @@ static sv_status make_model(lab_model *m, const sv_sequence_reader *r, sv_err *e
     sv_gaussians_put(&m->g, (int)i, &g);
   }
   m->is_mip = h->is_mip;
-  m->is_metric = h->is_metric;
+  m->unit = h->unit;
   m->dilation_px2 = h->dilation_px2;
   sv_copy(m->up, sizeof m->up, h->up);
   return SV_OK;

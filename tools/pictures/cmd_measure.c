@@ -106,7 +106,8 @@ static double distance_of(const run *r, const sv_view *v, double *half_width) {
                  across2 = fmax(1 - along * along / ray2, 0);
     variance += along * along * s2 + across2 * pixel * pixel;
   }
-  *half_width = NINETY * sqrt(variance);
+  const double scale = (double)r->surface.model.unit.scale_sigma * length;
+  *half_width = NINETY * sqrt(variance + scale * scale);
   return length;
 }
 
@@ -117,10 +118,11 @@ static sv_status measure(run *r, sv_err *err) {
   if ((s = find_ends(r, v, err)) != SV_OK) return s;
   double half;
   const double length = distance_of(r, v, &half);
-  const char *unit = r->surface.model.is_metric ? " m" : "";
+  const char *unit = r->surface.model.unit.is_metric ? " m" : "";
   if (r->o->is_json)
     printf("{\"distance\": %.9g, \"uncertainty_90\": %.9g, \"unit\": \"%s\", \"depth\": [%.9g, %.9g]}\n",
-           length, half, r->surface.model.is_metric ? "m" : "scene", r->end[0].depth[0], r->end[1].depth[0]);
+           length, half, r->surface.model.unit.is_metric ? "m" : "scene", r->end[0].depth[0],
+           r->end[1].depth[0]);
   else printf("%.6g%s +- %.2g%s (90 %%)\n", length, unit, half, unit);
   return SV_OK;
 }

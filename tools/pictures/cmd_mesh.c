@@ -82,7 +82,8 @@ static sv_status make(run *r, sv_err *err) {
   if (!m->n_triangles) return sv_fail(err, SV_E_RANGE, "no surface was seen by enough views");
   if (r->o->faces > 0 && (s = sv_mesh_decimate(m, (int)r->o->faces)) < 0)
     return sv_fail(err, s, "%d vertices are too many for --faces: give a larger --voxel", m->n_vertices);
-  s = lab_mesh_write(m, r->surface.model.up, r->o->out, err);
+  const sv_model_notes notes = lab_model_notes(&r->surface.model);
+  s = lab_mesh_write(m, &notes, r->o->out, err);
   if (s == SV_OK)
     lab_say(&r->session, "%s: %d vertices, %d triangles, voxels of %g", r->o->out, m->n_vertices,
             m->n_triangles, (double)m->cfg.voxel);

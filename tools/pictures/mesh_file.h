@@ -5,10 +5,12 @@
 #define SV_TOOLS_PICTURES_MESH_FILE_H
 
 #include "src/mesh/mesh.h"
+#include "src/splat/model_file.h"
 #include "tools/common/fileio.h"
 
 bool lab_mesh_is_format(const char *path);
-// up: the axis of the mesh's world that points up, for .glb.
-sv_status lab_mesh_write(const sv_mesh *m, const char *up, const char *path, sv_err *err) SV_MUST_USE;
+// notes: the up axis of the mesh's world, for .glb, and its unit.
+sv_status lab_mesh_write(const sv_mesh *m, const sv_model_notes *notes, const char *path,
+                         sv_err *err) SV_MUST_USE;
 
 #endif

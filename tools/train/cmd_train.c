@@ -469,7 +469,7 @@ static sv_status save_in(run *r, const char *folder, sv_err *err) {
   const sv_model_notes notes = {.is_mip = r->plan.trainer.cfg.is_antialiased,
                                 .dilation_px2 = r->plan.trainer.cfg.dilation_px2,
                                 .up = sv_up_name(r->scene.up),
-                                .is_metric = r->views.is_metric};
+                                .unit = r->views.unit};
   const bool is_dynamic = r->plan.trainer.cfg.has_motion;
   const sv_gaussians *g = &r->plan.trainer.g;
   for (int i = 0; i < N_FILES; i++) sv_file_init(&files[i]);

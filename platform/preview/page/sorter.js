@@ -35,7 +35,7 @@ function decode(buffer, id) {
     keys: new Uint16Array(n), depth: new Float32Array(n), order: new Uint32Array(n), has_texels: false,
   };
   model.bodies = bodies_of(buffer, motion_at + 4 * moving * n_motion, moving, u(13), u(14));
-  model.eyes = new Float32Array(buffer, buffer.byteLength - 28 * (u(15) >> 8), 7 * (u(15) >> 8));
+  model.eyes = new Float32Array(buffer, buffer.byteLength - 28 * ((u(15) >> 8) & 255), 7 * ((u(15) >> 8) & 255));
   const signed = new Int16Array(model.halves.buffer, model.halves.byteOffset, 11 * n);
   model.place.set(model.still);
   for (let i = 0, h = 0; i < n; i++, h += 11) {

@@ -44,7 +44,7 @@ function distance(a, b) {
     const s2 = of_layers ** 2 + least ** 2 + p.spread ** 2 / 9;
     variance += along ** 2 * s2 + Math.max(0, 1 - along ** 2 / ray2) * pixel ** 2;
   }
-  return { length: whole, half: 1.645 * Math.sqrt(variance) };
+  return { length: whole, half: 1.645 * Math.hypot(Math.sqrt(variance), whole * view.scale_sigma) };
 }
 function tell(text) {
   $("measured").hidden = !text, set("measured", text);
