@@ -263,13 +263,10 @@ static sv_status write_json(const lab_import *im, const char *path, sv_err *err)
   if (!(m.f = open_memstream(&m.text, &m.bytes)))
     return sv_fail(err, SV_E_NOMEM, "%s: no memory for its text", path);
   fprintf(m.f, "{\n");
-  if (im->unit.is_metric) fprintf(m.f, "\"world_unit\": \"m\",
-");
-  if (im->unit.scale_sigma > 0) fprintf(m.f, "\"world_scale_sigma\": %.3g,
-", (double)im->unit.scale_sigma);
+  if (im->unit.is_metric) fprintf(m.f, "\"world_unit\": \"m\",\n");
+  if (im->unit.scale_sigma > 0) fprintf(m.f, "\"world_scale_sigma\": %.3g,\n", (double)im->unit.scale_sigma);
   points_name(sv_path_name(path), points, sizeof points);
-  if (im->n_points) fprintf(m.f, "\"ply_file_path\": \"%s\",
-", points);
+  if (im->n_points) fprintf(m.f, "\"ply_file_path\": \"%s\",\n", points);
   for (int i = 0, has_unit = 0; i < im->n && !has_unit; i++)
     if ((has_unit = *im->views[i].depth_source && im->views[i].depth_unit > 0))
       fprintf(m.f, "\"%s\": %.17g,\n",
