@@ -7,6 +7,7 @@
 static bool lookup(const sv_camera_model *lens, const sv_camera_model *view, double u, double v,
                    double uv[2]) {
   double x[3] = {(u - view->p[2]) / view->p[0], (v - view->p[3]) / view->p[1], 1};
+  if (view->kind != SV_MODEL_PINHOLE && !sv_model_unproject(view, (const double[2]){u, v}, x)) return false;
   if (!sv_model_project(lens, x, uv, NULL, NULL)) return false;
   return uv[0] >= 0 && uv[0] <= lens->width_px && uv[1] >= 0 && uv[1] <= lens->height_px;
 }
@@ -56,7 +57,7 @@ static sv_remap_tap entry_at(double u, double v, int w, int h) {
 
 sv_status sv_remap_build(sv_remap *map, const sv_camera_model *lens, const sv_camera_model *view,
                          sv_remap_tap *entries) {
-  if (view->kind != SV_MODEL_PINHOLE) return SV_E_ARG;
+  if (view->kind != SV_MODEL_PINHOLE && view->kind != SV_MODEL_KB4) return SV_E_ARG;
   const int size[4] = {lens->width_px, lens->height_px, view->width_px, view->height_px};
   for (int i = 0; i < 4; i++)
     if (size[i] < 1 || size[i] > 32767) return SV_E_RANGE;
@@ -102,7 +103,7 @@ void sv_remap_apply(const sv_remap *map, const sv_remap_job *job) {
 
 bool sv_remap_counts(const sv_remap *map, const uint8_t *mask, int x, int y) {
   const sv_remap_tap *e = map->entries + (size_t)y * (size_t)map->width_px + (size_t)x;
-  if (e->x == SV_REMAP_NONE) return false;
+  if (e->x == SV_REMAP_NONE || !mask) return e->x != SV_REMAP_NONE;
   const int w = map->src_width_px;
   const size_t at = (size_t)e->y * (size_t)w + (size_t)e->x, right = e->fx ? 1 : 0,
                below = e->fy ? (size_t)w : 0;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Undistortion as a table: for each pixel of a pinhole view, where it lies in the camera's image.
+// Undistortion as a table: for each pixel of a view (calib/lens_view.h), where it lies in the
+// camera's image.
 // The table is built once per sub-view (floating point) for the kernel of kernels/remap/remap.h,
 // which says what an entry is. Places are off by at most 1/512 px.
 #ifndef SV_CALIB_REMAP_H
@@ -19,7 +20,7 @@ extern "C" {
 
 typedef struct {
   int src_width_px, src_height_px;
-  int width_px, height_px; // of the pinhole view
+  int width_px, height_px; // of the view
   long n_outside;          // entries marked SV_REMAP_NONE
   sv_remap_tap *entries;   // [height_px][width_px], the caller's
 } sv_remap;
@@ -35,8 +36,8 @@ typedef enum {
 // corner would be stretched over a quarter of the picture. False when the lens sees no such view.
 bool sv_pinhole_for_model(const sv_camera_model *m, sv_pinhole_choice choice, sv_camera_model *out);
 
-// Fills entries[height][width] for `view` (a pinhole) of the camera `lens`. E_RANGE for sizes
-// outside 1..32767, E_ARG when view is not a pinhole.
+// Fills entries[height][width] for `view` (PINHOLE or KB4) of the camera `lens`. E_RANGE for sizes
+// outside 1..32767, E_ARG for views of other models.
 sv_status sv_remap_build(sv_remap *map, const sv_camera_model *lens, const sv_camera_model *view,
                          sv_remap_tap *entries) SV_MUST_USE;
 
@@ -53,7 +54,7 @@ typedef struct {
 void sv_remap_apply(const sv_remap *map, const sv_remap_job *job);
 
 // Whether all that pixel (x, y) of the view is interpolated from has mask != 0; mask is
-// [src_height][src_width].
+// [src_height][src_width], or NULL: then whether the pixel is not outside.
 bool sv_remap_counts(const sv_remap *map, const uint8_t *mask, int x, int y);
 
 #ifdef __cplusplus

@@ -8,23 +8,6 @@
 
 #define ROWS_PER_TASK 16
 
-static bool has_distortion(const sv_camera_model *m) { return !sv_model_is_straight(m); }
-
-bool sv_exposures_keeps_fisheye(const sv_sub_view *v, sv_fisheye *out) {
-  return !(v->shutter.readout_s > 0) && sv_fisheye_make(out, &v->model);
-}
-
-// Does a corner of the picture lie outside the lens's range, as around an image circle?
-static bool has_dark_corner(const sv_camera_model *m, const sv_fisheye *f) {
-  for (int i = 0; i < 4; i++) {
-    const float xy[2] = {(float)(((i & 1 ? m->width_px : 0) - m->p[2]) / m->p[0]),
-                         (float)(((i & 2 ? m->height_px : 0) - m->p[3]) / m->p[1])};
-    float ray[3];
-    if (!sv_fisheye_unproject(f, xy, ray)) return true;
-  }
-  return false;
-}
-
 static bool is_multiplexed(const sv_exposures_cfg *cfg) {
   return cfg->rig->forward == SV_FORWARD_MULTIPLEXED;
 }
@@ -46,7 +29,7 @@ static void carve_reduced(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena
     const size_t b = (size_t)v->model.width_px * (size_t)v->model.height_px * 3;
     if (!v->source_width_px) continue;
     if (SV_AREA_SCRATCH_FLOATS(v->source_width_px) > n) n = SV_AREA_SCRATCH_FLOATS(v->source_width_px);
-    if (has_distortion(&v->model) && b > bytes) bytes = b;
+    if (!sv_model_is_straight(&v->model) && b > bytes) bytes = b;
   }
   e->reduced = bytes ? SV_TAKE(a, uint8_t, bytes) : NULL;
   e->n_area_floats = n;
@@ -85,12 +68,13 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
   size_t at = 0;
   for (int i = 0; i < rig->n_sub_views; i++) {
     const sv_camera_model *m = &rig->sub_views[i].model;
-    sv_fisheye fisheye;
-    const bool is_fisheye = sv_exposures_keeps_fisheye(&rig->sub_views[i], &fisheye),
-               is_bent = has_distortion(m) && !is_fisheye;
-    const bool is_dark = is_fisheye && has_dark_corner(m, &fisheye);
+    sv_lens_view lens;
+    if (!sv_lens_view_make(&lens, m))
+      return sv_fail(err, SV_E_RANGE, "rig \"%s\", sub-view \"%s\": no view fits this lens (%s, fx %g px)",
+                     rig->name, rig->sub_views[i].name, sv_model_name(m->kind), m->p[0]);
+    const bool is_dark = sv_lens_view_has_dark(&lens);
     sv_remap_tap *entries =
-        is_bent ? SV_TAKE(a, sv_remap_tap, (size_t)m->width_px * (size_t)m->height_px) : NULL;
+        lens.is_remapped ? SV_TAKE(a, sv_remap_tap, (size_t)m->width_px * (size_t)m->height_px) : NULL;
     const size_t px = (size_t)m->width_px * (size_t)m->height_px, bytes = (px * 3 + 63) & ~(size_t)63;
     sv_correction correction = {0};
     if (!cfg->is_deep) sv_correction_carve(&correction, &rig->sub_views[i], display, px, a);
@@ -101,15 +85,8 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
       sv_sub_view_store *s = &e->sub[i];
       *s = (sv_sub_view_store){.at = at, .bytes = bytes, .mask = mask, .held = held};
       s->map.entries = entries;
-      s->is_fisheye = is_fisheye;
-      s->fisheye = fisheye;
+      s->lens = lens;
       s->correction = correction;
-      s->pinhole = *m;
-      if (!is_fisheye && !sv_pinhole_for_model(m, SV_PINHOLE_CROP_TO_VALID, &s->pinhole))
-        return sv_fail(err, SV_E_RANGE,
-                       "rig \"%s\", sub-view \"%s\": the lens distortion leaves no rectangular view without "
-                       "black corners",
-                       rig->name, rig->sub_views[i].name);
     }
     at += bytes;
     if (e->sub) e->sub[i].deep_at = at;
@@ -137,13 +114,6 @@ static sv_status carve(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a
              : SV_OK;
 }
 
-static bool is_lit(const sv_sub_view_store *s, int x, int y) {
-  const double *p = s->pinhole.p;
-  const float xy[2] = {(float)((x + 0.5 - p[2]) / p[0]), (float)((y + 0.5 - p[3]) / p[1])};
-  float ray[3];
-  return !s->is_fisheye || sv_fisheye_unproject(&s->fisheye, xy, ray);
-}
-
 // Blocks scattered evenly, others in each sub-view.
 static bool is_held_block(int x, int y, int i_sub, float share) {
   sv_rng rng = sv_rng_make(((uint64_t)i_sub << 40) + ((uint64_t)y << 20) + (uint64_t)x, 0);
@@ -153,14 +123,13 @@ static bool is_held_block(int x, int y, int i_sub, float share) {
 // The mask of a sub-view as its view sees it: a pixel counts where all that it is interpolated from
 // do, and where the lens sees anything.
 static void undistort_mask(sv_sub_view_store *s, const sv_sub_view *v, float hold_out, int i_sub) {
-  const int w = s->pinhole.width_px, src_w = v->model.width_px;
-  for (int y = 0; s->mask && y < s->pinhole.height_px; y++)
+  const int w = s->lens.model.width_px, src_w = v->model.width_px;
+  for (int y = 0; s->mask && y < s->lens.model.height_px; y++)
     for (int x = 0; x < w; x++) {
       const size_t at = (size_t)y * (size_t)w + (size_t)x;
-      const bool counts = !v->mask         ? true
-                          : s->map.entries ? sv_remap_counts(&s->map, v->mask, x, y)
-                                           : v->mask[(size_t)y * (size_t)src_w + (size_t)x] != 0;
-      s->mask[at] = counts && is_lit(s, x, y);
+      const bool counts = s->map.entries ? sv_remap_counts(&s->map, v->mask, x, y)
+                                         : !v->mask || v->mask[(size_t)y * (size_t)src_w + (size_t)x] != 0;
+      s->mask[at] = counts && sv_lens_view_is_lit(&s->lens, x + 0.5, y + 0.5);
       if (!s->held) continue;
       s->held[at] = s->mask[at] && is_held_block(x / SV_HELD_PX, y / SV_HELD_PX, i_sub, hold_out);
       s->mask[at] &= !s->held[at];
@@ -170,26 +139,28 @@ static void undistort_mask(sv_sub_view_store *s, const sv_sub_view *v, float hol
 void sv_exposures_hold(sv_exposures *e, bool is_kept) {
   for (int i = 0; i < e->cfg.rig->n_sub_views; i++) {
     sv_sub_view_store *s = &e->sub[i];
-    const size_t n = (size_t)s->pinhole.width_px * (size_t)s->pinhole.height_px;
+    const size_t n = (size_t)s->lens.model.width_px * (size_t)s->lens.model.height_px;
     for (size_t at = 0; s->held && at < n; at++)
       if (s->held[at]) s->mask[at] = !is_kept;
   }
 }
 
-static sv_status find_row_time(sv_sub_view_store *s, const sv_sub_view *v, const sv_camera_caps *caps) {
-  const double *p = s->pinhole.p;
+sv_status sv_exposures_row_time(const sv_sub_view *v, const sv_camera_caps *caps, const sv_lens_view *view,
+                                sv_row_time *out) {
+  const sv_camera_model *m = &view->model;
   // else the image is all that its sensor delivers
   const bool is_shared = v->footprint.width_px > 0;
   const sv_row_time_cfg cfg = {.shutter = v->shutter,
                                .lens = &v->model,
+                               .fisheye = view->is_fisheye ? &view->fisheye : NULL,
                                .x0_px = v->footprint.x0_px,
                                .y0_px = v->footprint.y0_px,
                                .sensor_width_px = is_shared ? caps[v->i_camera].width_px : v->model.width_px,
                                .sensor_height_px =
                                    is_shared ? caps[v->i_camera].height_px : v->model.height_px,
-                               .half_x = sv_maxd(p[2], s->pinhole.width_px - p[2]) / p[0],
-                               .half_y = sv_maxd(p[3], s->pinhole.height_px - p[3]) / p[1]};
-  return sv_row_time_make(&s->row_time, &cfg);
+                               .half_x = sv_maxd(m->p[2], m->width_px - m->p[2]) / m->p[0],
+                               .half_y = sv_maxd(m->p[3], m->height_px - m->p[3]) / m->p[1]};
+  return sv_row_time_make(out, &cfg);
 }
 
 sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *arena, sv_err *err) {
@@ -205,15 +176,16 @@ sv_status sv_exposures_init(sv_exposures *e, const sv_exposures_cfg *cfg, sv_are
   for (int i = 0; s >= 0 && e->sub && i < cfg->rig->n_sub_views; i++) {
     sv_sub_view_store *v = &e->sub[i];
     if (v->map.entries)
-      s = sv_remap_build(&v->map, &cfg->rig->sub_views[i].model, &v->pinhole, v->map.entries);
+      s = sv_remap_build(&v->map, &cfg->rig->sub_views[i].model, &v->lens.model, v->map.entries);
     if (s < 0)
       return sv_fail(err, s, "rig \"%s\", sub-view \"%s\": no undistortion table for %dx%d pixels",
-                     cfg->rig->name, cfg->rig->sub_views[i].name, v->pinhole.width_px, v->pinhole.height_px);
+                     cfg->rig->name, cfg->rig->sub_views[i].name, v->lens.model.width_px,
+                     v->lens.model.height_px);
     if (v->correction.light && sv_correction_fill(&v->correction, &cfg->rig->sub_views[i], &v->map) < 0)
       return sv_fail(err, SV_E_RANGE, "rig \"%s\", sub-view \"%s\": its color matrix has no inverse",
                      cfg->rig->name, cfg->rig->sub_views[i].name);
     undistort_mask(v, &cfg->rig->sub_views[i], cfg->hold_out, i);
-    if (find_row_time(v, &cfg->rig->sub_views[i], cfg->caps) < 0)
+    if (sv_exposures_row_time(&cfg->rig->sub_views[i], cfg->caps, &v->lens, &v->row_time) < 0)
       return sv_fail(err, SV_E_RANGE,
                      "rig \"%s\", sub-view \"%s\": the lens sees too little of its own image", cfg->rig->name,
                      cfg->rig->sub_views[i].name);
@@ -239,8 +211,8 @@ static void correct_rows(const copy_job *j, int y0, int y1) {
   const sv_sub_view_store *s = &j->e->sub[j->i_sub];
   if (!s->correction.light || j->dst != j->picture) return;
   j->k->correct(&(sv_correct_args){.px = j->dst,
-                                   .stride_bytes = (size_t)s->pinhole.width_px * 3,
-                                   .width_px = s->pinhole.width_px,
+                                   .stride_bytes = (size_t)s->lens.model.width_px * 3,
+                                   .width_px = s->lens.model.width_px,
                                    .light = s->correction.light,
                                    .inverse_falloff = s->correction.inverse_falloff,
                                    .display = s->correction.display,
@@ -272,8 +244,8 @@ static void copy_task(void *arg, int i_task, int i_thread) {
   const copy_job *j = arg;
   const sv_sub_view *sv = &j->e->cfg.rig->sub_views[j->i_sub];
   const sv_sub_view_store *s = &j->e->sub[j->i_sub];
-  int w = s->pinhole.width_px, y0 = i_task * ROWS_PER_TASK,
-      y1 = sv_mini(y0 + ROWS_PER_TASK, s->pinhole.height_px);
+  int w = s->lens.model.width_px, y0 = i_task * ROWS_PER_TASK,
+      y1 = sv_mini(y0 + ROWS_PER_TASK, s->lens.model.height_px);
   const size_t stride = j->stride_bytes;
   const uint8_t *src = j->src;
   (void)i_thread;
@@ -314,7 +286,7 @@ static void put_sub_view(const copy_job *job, const sv_image_u8 *image, const sv
     j.stride_bytes = (size_t)v->model.width_px * 3;
     j.dst = job->dst;
   }
-  sv_pool_run(pool, copy_task, &j, n_tasks(s->pinhole.height_px));
+  sv_pool_run(pool, copy_task, &j, n_tasks(s->lens.model.height_px));
 }
 
 // A place between four pixels of a plane, as kernels/remap/remap.h has it.
@@ -333,10 +305,10 @@ static void copy_deep_task(void *arg, int i_task, int i_thread) {
   const copy_job *j = arg;
   const sv_sub_view *v = &j->e->cfg.rig->sub_views[j->i_sub];
   const sv_sub_view_store *s = &j->e->sub[j->i_sub];
-  const size_t w = (size_t)s->pinhole.width_px, n = w * (size_t)s->pinhole.height_px;
+  const size_t w = (size_t)s->lens.model.width_px, n = w * (size_t)s->lens.model.height_px;
   (void)i_thread;
   for (int c = 0; c < 3; c++)
-    for (int y = i_task * ROWS_PER_TASK; y < sv_mini((i_task + 1) * ROWS_PER_TASK, s->pinhole.height_px);
+    for (int y = i_task * ROWS_PER_TASK; y < sv_mini((i_task + 1) * ROWS_PER_TASK, s->lens.model.height_px);
          y++) {
       uint16_t *out = j->deep_dst + (size_t)c * n + (size_t)y * w;
       const uint16_t *plane = j->deep + (size_t)c * j->deep_plane;
@@ -355,7 +327,7 @@ static void put_deep(const copy_job *job, const sv_frame *f, uint16_t *dst, cons
   j.deep =
       job->e->convert.deep.linear + (size_t)v->footprint.y0_px * j.deep_width + (size_t)v->footprint.x0_px;
   j.deep_dst = dst;
-  sv_pool_run(pool, copy_deep_task, &j, n_tasks(job->e->sub[job->i_sub].pinhole.height_px));
+  sv_pool_run(pool, copy_deep_task, &j, n_tasks(job->e->sub[job->i_sub].lens.model.height_px));
 }
 
 // A camera's frame as RGB8, and with is_deep in 16 bits.
@@ -414,7 +386,7 @@ static sv_status put_pictures(sv_exposures *e, int place, const sv_frame *frame,
 
 static sv_image_u8 image_at(const sv_exposures *e, int place, int i_sub) {
   const sv_sub_view_store *s = &e->sub[i_sub];
-  const int w = s->pinhole.width_px, h = s->pinhole.height_px;
+  const int w = s->lens.model.width_px, h = s->lens.model.height_px;
   return (sv_image_u8){e->px + (size_t)place * e->exposure_bytes + s->at, w, h, 3, w * 3, s->mask};
 }
 
@@ -459,10 +431,10 @@ void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *imag
   *image = image_at(e, e->place[i], i_sub);
   sv_pose cam_from_world =
       sv_pose_mul(&e->cfg.rig->sub_views[i_sub].cam_from_rig, &e->exposure[i].rig_from_world);
-  *view = sv_view_make(image->width_px, image->height_px, s->pinhole.p, &cam_from_world);
+  *view = sv_view_make(image->width_px, image->height_px, s->lens.model.p, &cam_from_world);
   view->i_exposure = (int)e->exposure[i].id;
   view->i_sub_view = i_sub;
-  view->fisheye = s->is_fisheye ? &s->fisheye : NULL;
+  view->fisheye = s->lens.is_fisheye ? &s->lens.fisheye : NULL;
 }
 
 void sv_exposures_deep(const sv_exposures *e, int i, int i_sub, sv_image_deep *out) {
@@ -471,8 +443,8 @@ void sv_exposures_deep(const sv_exposures *e, int i, int i_sub, sv_image_deep *o
   const bool is_known = v->noise.read > 0 || v->noise.shot > 0;
   const uint8_t *block = e->px + (size_t)e->place[i] * e->exposure_bytes;
   *out = (sv_image_deep){.px = (const uint16_t *)(const void *)(block + s->deep_at),
-                         .width_px = s->pinhole.width_px,
-                         .height_px = s->pinhole.height_px,
+                         .width_px = s->lens.model.width_px,
+                         .height_px = s->lens.model.height_px,
                          .exposure = e->shutter[e->place[i] * e->cfg.n_cameras + v->i_camera],
                          .white = e->white,
                          .photometric = v->photometric.is_known ? &v->photometric : NULL,

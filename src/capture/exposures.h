@@ -8,7 +8,7 @@
 #ifndef SV_CAPTURE_EXPOSURES_H
 #define SV_CAPTURE_EXPOSURES_H
 
-#include "calib/fisheye.h"
+#include "calib/lens_view.h"
 #include "calib/remap.h"
 #include "kernels/kernels.h"
 #include "src/capture/correction.h"
@@ -48,10 +48,8 @@ typedef struct {
 } sv_exposures_cfg;
 
 typedef struct {
-  sv_camera_model pinhole; // after undistortion; of a fisheye, which stays one, its own
-  sv_remap map;            // entries NULL for a lens without distortion, and for a fisheye
-  bool is_fisheye;
-  sv_fisheye fisheye;
+  sv_lens_view lens;
+  sv_remap map;             // from the lens; entries NULL unless lens.is_remapped
   size_t at, bytes;         // of its picture inside one exposure's block
   size_t deep_at;           // of its deep picture, likewise
   uint8_t *mask;            // [height][width] of the view, NULL without one
@@ -99,9 +97,10 @@ sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const s
 // With is_deep: the deep picture of sub-view i_sub of exposure i.
 void sv_exposures_deep(const sv_exposures *e, int i, int i_sub, sv_image_deep *out);
 
-// Whether a sub-view's pictures stay fisheyes: those of rolling shutters do not, as the times of
-// their rows are polynomials of x/z and y/z.
-bool sv_exposures_keeps_fisheye(const sv_sub_view *v, sv_fisheye *out);
+// When a sub-view of a rolling shutter reads the places of a view of it. E_RANGE: the lens sees too
+// little of it.
+sv_status sv_exposures_row_time(const sv_sub_view *v, const sv_camera_caps *caps, const sv_lens_view *view,
+                                sv_row_time *out) SV_MUST_USE;
 // Picture and view of sub-view i_sub of exposure i (0: slot order). Not for multiplexed rigs.
 void sv_exposures_get(const sv_exposures *e, int i, int i_sub, sv_image_u8 *image, sv_view *view);
 

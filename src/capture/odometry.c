@@ -16,21 +16,25 @@ static sv_status carve_crops(sv_odometry *o, const sv_odometry_cfg *cfg, sv_aren
   const sv_rig *rig = cfg->rig;
   o->crop = SV_TAKE(a, sv_odometry_crop, rig->n_sub_views);
   for (int i = 0; i < rig->n_sub_views; i++) {
-    const sv_camera_model *m = &rig->sub_views[i].model;
-    const size_t n = (size_t)m->width_px * (size_t)m->height_px;
-    sv_fisheye fisheye;
+    sv_lens_view view;
     if (o->crop) o->crop[i] = (sv_odometry_crop){.px = NULL};
-    if (!sv_exposures_keeps_fisheye(&rig->sub_views[i], &fisheye)) continue;
+    if (!sv_lens_view_make(&view, &rig->sub_views[i].model) || !view.is_fisheye) continue;
+    const sv_camera_model *m = &view.model;
+    const size_t n = (size_t)m->width_px * (size_t)m->height_px;
     sv_remap_tap *entries = SV_TAKE(a, sv_remap_tap, n);
     uint8_t *px = SV_TAKE(a, uint8_t, 3 * n), *mask = SV_TAKE(a, uint8_t, n);
     if (!o->crop || !mask || !cfg->pool) continue;
+    sv_lens_view pinhole = {.model = *m};
     o->crop[i].px = px;
     o->crop[i].mask = mask;
-    if (!sv_pinhole_for_model(m, SV_PINHOLE_CROP_TO_VALID, &o->model[i]) ||
-        sv_remap_build(&o->crop[i].map, m, &o->model[i], entries) < 0)
+    if (!sv_pinhole_for_model(m, SV_PINHOLE_CROP_TO_VALID, &pinhole.model) ||
+        sv_remap_build(&o->crop[i].map, m, &pinhole.model, entries) < 0 ||
+        (o->row_time &&
+         sv_exposures_row_time(&rig->sub_views[i], cfg->pool->cfg.caps, &pinhole, &o->row_time[i]) < 0))
       return sv_fail(err, SV_E_RANGE,
                      "rig \"%s\", sub-view \"%s\": the lens leaves no rectangular view for odometry",
                      rig->name, rig->sub_views[i].name);
+    o->model[i] = pinhole.model;
   }
   return SV_OK;
 }
@@ -57,7 +61,7 @@ sv_status sv_odometry_init(sv_odometry *o, const sv_odometry_cfg *cfg, sv_arena 
   o->image = SV_TAKE(a, sv_image_u8, rig->n_sub_views);
   o->a = SV_TAKE(a, sv_pose, cfg->cap_exposures);
   o->b = SV_TAKE(a, sv_pose, cfg->cap_exposures);
-  for (int i = 0; o->model && pool && i < rig->n_sub_views; i++) o->model[i] = pool->sub[i].pinhole;
+  for (int i = 0; o->model && pool && i < rig->n_sub_views; i++) o->model[i] = pool->sub[i].lens.model;
   if (cfg->is_rolling) o->row_time = SV_TAKE(a, sv_row_time, rig->n_sub_views);
   for (int i = 0; o->row_time && pool && i < rig->n_sub_views; i++) o->row_time[i] = pool->sub[i].row_time;
   // On a dry arena, any address: it is not looked at.

@@ -7,8 +7,8 @@
 #include "src/base/mathx.h"
 #include "src/base/str.h"
 
-#define GRID    21   // directions a side
-#define OUTSIDE 0.05 // of the readout, by which directions beside the image may be late or early
+#define GRID    21   // places a side
+#define OUTSIDE 0.05 // of the readout, by which places beside the image may be late or early
 
 static const char *const names[SV_N_SHUTTERS] = {"down", "up", "right", "left"};
 
@@ -36,6 +36,15 @@ static double pixel_time(const sv_row_time_cfg *c, const double uv[2]) {
   return d == SV_SHUTTER_UP || d == SV_SHUTTER_LEFT ? -s : s;
 }
 
+// From a place (x, y, 1) of a fisheye's view to the direction that is seen there; false: none.
+static bool to_direction(const sv_fisheye *f, double x[3]) {
+  const float place[2] = {(float)x[0], (float)x[1]};
+  float ray[3];
+  if (!sv_fisheye_unproject(f, place, ray)) return false;
+  for (int i = 0; i < 3; i++) x[i] = (double)ray[i];
+  return true;
+}
+
 sv_status sv_row_time_make(sv_row_time *out, const sv_row_time_cfg *c) {
   double a[SV_ROW_TIME_TERMS * SV_ROW_TIME_TERMS] = {0}, b[SV_ROW_TIME_TERMS] = {0};
   double p[SV_ROW_TIME_TERMS];
@@ -45,8 +54,8 @@ sv_status sv_row_time_make(sv_row_time *out, const sv_row_time_cfg *c) {
   // Coordinates of -1 to 1, which keep the system well conditioned.
   for (int i = 0; i < GRID * GRID; i++) {
     const double u = 2.0 * (i % GRID) / (GRID - 1) - 1, v = 2.0 * (i / GRID) / (GRID - 1) - 1;
-    const double x[3] = {u * c->half_x, v * c->half_y, 1};
-    double uv[2];
+    double x[3] = {u * c->half_x, v * c->half_y, 1}, uv[2];
+    if (c->fisheye && !to_direction(c->fisheye, x)) continue;
     if (!sv_model_project(c->lens, x, uv, NULL, NULL)) continue;
     const double s = pixel_time(c, uv);
     terms(u, v, p);

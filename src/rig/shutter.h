@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rolling shutters: when a sensor reads the pixel that sees a direction, and where a moving rig is
+// Rolling shutters: when a sensor reads what a place of a view shows, and where a moving rig is
 // then. Owns nothing.
 // Never knows which exposures or images there are.
 #ifndef SV_RIG_SHUTTER_H
 #define SV_RIG_SHUTTER_H
 
-#include "calib/model.h"
+#include "calib/fisheye.h"
 #include "src/base/vec.h"
 
 #ifdef __cplusplus
@@ -31,25 +31,27 @@ typedef struct {
 
 #define SV_ROW_TIME_TERMS 10
 
-// When a direction (x/z, y/z) of the camera's frame is read, in seconds after the middle of the
-// frame: c . (1, x, y, xx, xy, yy, xxx, xxy, xyy, yyy). A polynomial, so that it holds for
-// undistorted images of any size. All 0 for a global shutter.
+// When a place of a view is read, in seconds after the middle of the frame:
+// c . (1, x, y, xx, xy, yy, xxx, xxy, xyy, yyy) with x = (u - cx) / fx and y = (v - cy) / fy, so
+// that it holds for images of any size. In a pinhole view these are the direction (x/z, y/z). All 0
+// for a global shutter.
 typedef struct {
   double c[SV_ROW_TIME_TERMS];
-  double max_s; // directions outside of the image are never more than this from the middle
+  double max_s; // places outside of the image are never more than this from the middle
 } sv_row_time;
 
 typedef struct {
   sv_shutter shutter;
   const sv_camera_model *lens; // of the sub-view's image
+  const sv_fisheye *fisheye;   // of the view, NULL: a pinhole
   int x0_px, y0_px;            // the image's place on its sensor
   int sensor_width_px, sensor_height_px;
-  double half_x, half_y; // directions up to these are looked at
+  double half_x, half_y; // places of the view up to these are looked at
 } sv_row_time_cfg;
 
-// Least squares over the directions of the image. E_RANGE when the lens sees too few of them.
+// Least squares over the places of the view. E_RANGE when the lens sees too few of them.
 sv_status sv_row_time_make(sv_row_time *out, const sv_row_time_cfg *cfg) SV_MUST_USE;
-double sv_row_time_at(const sv_row_time *t, double x, double y); // of a direction (x/z, y/z)
+double sv_row_time_at(const sv_row_time *t, double x, double y);
 
 // A rig's or camera's motion: twists a second (omega, v) of its frame from the world's. The point
 // that it has at x is at exp(s omega) x + s v after s seconds. turn: exp(s omega).

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/train/rolling.h"
 
+#include <math.h>
 #include <string.h>
 
+#include "calib/fisheye.h"
 #include "src/base/mathx.h"
 #include "src/train/train.h"
 
@@ -71,38 +73,100 @@ static void at_time(const paths *p, const float *s, lanes x[3]) {
 static float larger(float a, float b) { return a > b ? a : b; }
 static float smaller(float a, float b) { return a < b ? a : b; }
 
+// Places of a view, (u - cx) / fx and (v - cy) / fy; rows of their derivatives by the point.
+typedef struct {
+  lanes u, v, du[3], dv[3];
+} places;
+
+static void place_pinhole(const sv_rolling *r, lanes x[3], places *p) {
+  for (int k = 0; k < 16; k++) {
+    const float iz = 1.0f / larger(x[2][k], r->near_z), u = x[0][k] * iz, v = x[1][k] * iz;
+    p->u[k] = u;
+    p->v[k] = v;
+    p->du[0][k] = p->dv[1][k] = iz;
+    p->du[1][k] = p->dv[0][k] = 0;
+    p->du[2][k] = -u * iz;
+    p->dv[2][k] = -v * iz;
+  }
+}
+
+// As sv_fisheye_project and sv_fisheye_jacobian have it. Beyond the lens's range its radial
+// function stays as at the end.
+static void place_fisheye(const sv_rolling *r, lanes x[3], places *p) {
+  const sv_fisheye *f = r->at.fisheye;
+  for (int k = 0; k < 16; k++) {
+    const float n = sqrtf(x[0][k] * x[0][k] + x[1][k] * x[1][k] + x[2][k] * x[2][k]),
+                inv_n = 1.0f / larger(n, 1e-20f), is = 1.0f / larger(n + x[2][k], 1e-20f);
+    const float hx = x[0][k] * is, hy = x[1][k] * is, w = hx * hx + hy * hy;
+    const float y = f->scale * smaller(w, f->max_w) - 1.0f;
+    const float g[3] = {x[0][k] * inv_n, x[1][k] * inv_n, (n + x[2][k]) * inv_n};
+    float at = f->term[0], slope = 0;
+    for (int i = 1; i < SV_FISHEYE_TERMS; i++) {
+      slope = slope * y + at;
+      at = at * y + f->term[i];
+    }
+    slope *= f->scale;
+    p->u[k] = hx * at;
+    p->v[k] = hy * at;
+    for (int i = 0; i < 3; i++) {
+      const float along = (i == 0   ? hx
+                           : i == 1 ? hy
+                                    : 0.0f) -
+                          w * g[i],
+                  both = (2 * slope * along - at * g[i]) * is;
+      p->du[i][k] = hx * both + (i == 0 ? at * is : 0.0f);
+      p->dv[i][k] = hy * both + (i == 1 ? at * is : 0.0f);
+    }
+  }
+}
+
 // Row times of points, and what they change by with each coordinate: nothing beyond the limits.
 static void row_time(const sv_rolling *r, lanes x[3], float *s, lanes slope[3]) {
-  const float *c = r->now->time, max_s = r->now->max_s, near_z = r->near_z;
+  const float *c = r->now->time, max_s = r->now->max_s;
+  places p;
+  if (r->at.fisheye) place_fisheye(r, x, &p);
+  else place_pinhole(r, x, &p);
   for (int k = 0; k < 16; k++) {
-    const float iz = 1.0f / larger(x[2][k], near_z), u = x[0][k] * iz, v = x[1][k] * iz;
+    const float u = p.u[k], v = p.v[k];
     const float t = c[0] + u * (c[1] + u * (c[3] + u * c[6] + v * c[7])) +
                     v * (c[2] + u * c[4] + v * (c[5] + u * c[8] + v * c[9]));
     const float du = c[1] + u * (2 * c[3] + 3 * u * c[6] + 2 * v * c[7]) + v * (c[4] + v * c[8]);
     const float dv = c[2] + v * (2 * c[5] + 3 * v * c[9] + 2 * u * c[8]) + u * (c[4] + u * c[7]);
-    const float is_in = t > -max_s && t < max_s ? iz : 0.0f;
+    const float is_in = t > -max_s && t < max_s ? 1.0f : 0.0f;
     s[k] = larger(smaller(t, max_s), -max_s);
-    slope[0][k] = du * is_in;
-    slope[1][k] = dv * is_in;
-    slope[2][k] = -(du * u + dv * v) * is_in;
+    for (int i = 0; i < 3; i++) slope[i][k] = (du * p.du[i][k] + dv * p.dv[i][k]) * is_in;
+  }
+}
+
+// 1 where a mean can be seen, else 0: in front of a pinhole, in the range of a fisheye's lens.
+static void visibility(const sv_rolling *r, lanes x[3], lanes out) {
+  if (r->at.fisheye) {
+    for (int k = 0; k < 16; k++) {
+      const float n = sqrtf(x[0][k] * x[0][k] + x[1][k] * x[1][k] + x[2][k] * x[2][k]), s = n + x[2][k];
+      out[k] = n > r->near_z && x[0][k] * x[0][k] + x[1][k] * x[1][k] <= r->at.fisheye->max_w * s * s ? 1.0f
+                                                                                                      : 0.0f;
+    }
+  } else {
+    for (int k = 0; k < 16; k++) out[k] = x[2][k] > r->near_z ? 1.0f : 0.0f;
   }
 }
 
 // --- a view --------------------------------------------------------------------------------------
 
-// The time at which each mean is read, and its displacement until then. What is not in front of the
-// camera stays.
+// The time at which each mean is read, and its displacement until then. What the camera cannot see
+// stays.
 static void move_block(const sv_rolling *r, const float *from, float *to, float *row_s) {
   paths p;
-  lanes x[3], slope[3];
+  lanes x[3], slope[3], is_seen;
   paths_of(r, from, &p);
+  visibility(r, p.x0, is_seen);
   memcpy(x, p.x0, sizeof x);
   for (int i = 0; i < ITERATIONS; i++) {
     row_time(r, x, row_s, slope);
     at_time(&p, row_s, x);
   }
   for (int i = 0; i < 3; i++)
-    for (int k = 0; k < 16; k++) x[i][k] = p.x0[2][k] > r->near_z ? x[i][k] - p.x0[i][k] : 0.0f;
+    for (int k = 0; k < 16; k++) x[i][k] = is_seen[k] > 0 ? x[i][k] - p.x0[i][k] : 0.0f;
   for (int i = 0; i < 3; i++)
     for (int k = 0; k < 16; k++)
       to[16 * i + k] += r->at.r[i] * x[0][k] + r->at.r[3 + i] * x[1][k] + r->at.r[6 + i] * x[2][k];
@@ -182,15 +246,16 @@ void sv_train_roll_bwd(const sv_trainer *t, int b, uint32_t touched, float *grad
   const float *rot = r->at.r;
   float *m = grad + 16 * SV_ROW_MEAN;
   paths p;
-  lanes g[3], g0[3], x[3];
+  lanes g[3], g0[3], x[3], is_seen;
   if (b >= t->render.n_moved_blocks || !touched) return;
   paths_of(r, t->g.param + (size_t)b * 16 * (size_t)t->g.n_rows, &p);
   for (int i = 0; i < 3; i++)
     for (int k = 0; k < 16; k++)
       g[i][k] = rot[3 * i] * m[k] + rot[3 * i + 1] * m[16 + k] + rot[3 * i + 2] * m[32 + k];
+  visibility(r, p.x0, is_seen);
   to_start(r, &p, r->row_s + 16 * (size_t)b, x, g, g0);
   for (int i = 0; i < 3; i++)
-    for (int k = 0; k < 16; k++) g0[i][k] = p.x0[2][k] > r->near_z ? g0[i][k] : g[i][k];
+    for (int k = 0; k < 16; k++) g0[i][k] = is_seen[k] > 0 ? g0[i][k] : g[i][k];
   if (pose) correct_pose(&p, x, g, g0, pose);
   for (int i = 0; i < 3; i++)
     for (int k = 0; k < 16; k++) g0[i][k] -= g[i][k];

@@ -19,18 +19,29 @@ static uint8_t block[24 << 20] __attribute__((aligned(64)));
 static uint8_t picture[2][H * W * 3];
 static sv_trainer t;
 static const double MOTION[2][6] = {{0.9, -1.1, 0.7, 0.8, -0.5, 0.6}, {-0.5, 1.3, 0.9, -0.7, 0.9, 0.2}};
-static const double FX = 40, FY = 41, CX = 18, CY = 13.5;
+static double fx = 40, fy = 41;
+static const double CX = 18, CY = 13.5;
+#define ASIDE 0.9 // radians from a fisheye's axis to the scene
+static sv_fisheye fisheye;
+static bool is_fisheye;
+
+static sv_camera_model lens_of_test(void) {
+  return (sv_camera_model){.kind = is_fisheye ? SV_MODEL_KB4 : SV_MODEL_PINHOLE,
+                           .width_px = W,
+                           .height_px = H,
+                           .p = {fx, fy, is_fisheye ? CX - ASIDE * fx : CX, CY, is_fisheye ? 0.01 : 0}};
+}
 
 static sv_row_time row_time_of(double readout_s, sv_shutter_direction direction) {
-  const sv_camera_model lens = {
-      .kind = SV_MODEL_PINHOLE, .width_px = W, .height_px = H, .p = {FX, FY, CX, CY}};
+  const sv_camera_model lens = lens_of_test();
   sv_row_time time;
   assert_int_equal(sv_row_time_make(&time, &(sv_row_time_cfg){.shutter = {readout_s, direction},
                                                               .lens = &lens,
+                                                              .fisheye = is_fisheye ? &fisheye : NULL,
                                                               .sensor_width_px = W,
                                                               .sensor_height_px = H,
-                                                              .half_x = 0.5 * W / FX,
-                                                              .half_y = 0.5 * H / FY}),
+                                                              .half_x = 0.5 * W / fx + is_fisheye * ASIDE,
+                                                              .half_y = 0.5 * H / fy}),
                    SV_OK);
   return time;
 }
@@ -45,12 +56,21 @@ static void open_training(const sv_kernels *k, const sv_pool *pool, sv_train_cfg
   cfg.cap_height_px = H;
   cfg.n_threads = pool->n_threads;
   if (sv_trainer_init(&t, &cfg, (sv_compute){k, pool}, &a, &err) < 0) fail_msg("%s", err.text);
+  const sv_camera_model lens = lens_of_test();
+  assert_true(sv_fisheye_make(&fisheye, &lens) == is_fisheye);
   for (int i = 0; i < 2; i++) {
     for (int px = 0; px < W * H * 3; px++) picture[i][px] = (px / (20 + 7 * i)) % 2 ? 255 : 0;
     sv_pose pose;
     double eye[3] = {3, i - 0.5, 0.7}, at[3] = {0, 0, 0}, up[3] = {0, 0, 1};
     assert_true(sv_pose_look_at(&pose, eye, at, up));
-    sv_view view = sv_view_make(W, H, (const double[]){FX, FY, CX, CY}, &pose);
+    if (is_fisheye) {
+      double turn[9], none[3];
+      sv_motion_apply(none, (const double[6]){0, ASIDE}, 1, pose.t, turn);
+      sv_mul33(pose.r, turn, pose.r);
+      memcpy(pose.t, none, sizeof none);
+    }
+    sv_view view = sv_view_make(W, H, lens.p, &pose);
+    view.fisheye = is_fisheye ? &fisheye : NULL;
     sv_image_u8 im = {picture[i], W, H, 3, W * 3};
     assert_ok(sv_train_add_view(&t, &view, &im, &err), &err);
     const sv_row_time time = row_time_of(readout_s, i ? SV_SHUTTER_LEFT : SV_SHUTTER_DOWN);
@@ -122,14 +142,14 @@ TEST(test_value) {
 
 // --- gradients -----------------------------------------------------------------------------------
 
-static void check_gradients(bool is_supersampled) {
+static void check_gradients(bool is_supersampled, float log_scale) {
   sv_kernels k;
   sv_pool pool = sv_pool_serial();
   sv_train_cfg cfg = settings();
   step_gradient sum = {0};
   step_gradient_kernels(&k);
   cfg.is_supersampled = is_supersampled;
-  open_training(&k, &pool, cfg, 0.9f, 0.1, MOTION);
+  open_training(&k, &pool, cfg, log_scale, 0.1, MOTION);
   for (int i = 0; i < 2; i++) step_gradient_check(&t, &sum);
   step_gradient_agrees(&sum, is_supersampled ? "rolling shutter, supersampled" : "rolling shutter", 100, 300,
                        8);
@@ -137,8 +157,23 @@ static void check_gradients(bool is_supersampled) {
 
 TEST(test_gradients) {
   if (is_emulated()) skip(); // quotients of whole steps take minutes
-  check_gradients(false);
-  check_gradients(true);
+  check_gradients(false, 0.9f);
+  check_gradients(true, 0.9f);
+}
+
+TEST(test_fisheye_gradients) {
+  if (is_emulated()) skip(); // quotients of whole steps take minutes
+  is_fisheye = true;
+  fx = fy = 100; // so narrow that no splat ends, of sizes that are drawn
+  check_gradients(false, -0.3f);
+  fx = fy = 40;
+  is_fisheye = false;
+}
+
+TEST(test_fisheye_value) {
+  is_fisheye = true;
+  test_value(NULL);
+  is_fisheye = false;
 }
 
 static double loss_at(const sv_trainer *before, int i_view, const sv_view *view) {
@@ -253,9 +288,13 @@ TEST(test_refused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_value),         cmocka_unit_test(test_gradients),
-      cmocka_unit_test(test_pose_gradient), cmocka_unit_test(test_same_bits),
+      cmocka_unit_test(test_value),
+      cmocka_unit_test(test_gradients),
+      cmocka_unit_test(test_pose_gradient),
+      cmocka_unit_test(test_same_bits),
       cmocka_unit_test(test_refused),
+      cmocka_unit_test(test_fisheye_value),
+      cmocka_unit_test(test_fisheye_gradients),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -236,10 +236,6 @@ static sv_status find_frame(lab_frame *f, const lab_source *src, const char *fol
   if (s != SV_OK) return s;
   if ((s = lab_mask_find(f, src, folder, err)) != SV_OK) return s;
   f->n_channels = peek.n_channels;
-  f->pinhole = f->f.model;
-  f->is_fisheye = sv_fisheye_make(&f->fisheye, &f->f.model);
-  f->is_distorted = f->f.model.kind != SV_MODEL_PINHOLE && !f->is_fisheye;
-  f->is_masked = *f->mask_path || (f->is_fisheye && lab_has_dark_corner(f));
   int w = peek.width_px / scale, h = peek.height_px / scale;
   if (w < LAB_MIN_SIDE_PX || h < LAB_MIN_SIDE_PX || w > 16384 || h > 16384)
     return sv_fail(err, SV_E_RANGE, "%s: image is %dx%d pixels%s; expected sides from %d to 16384", f->path,
@@ -248,13 +244,13 @@ static sv_status find_frame(lab_frame *f, const lab_source *src, const char *fol
 }
 
 static void make_view(lab_frame *f, int scale) {
-  const double *p = f->pinhole.p;
-  sv_view full = sv_view_make(f->pinhole.width_px, f->pinhole.height_px, p, &f->f.cam_from_world);
+  const double *p = f->lens.model.p;
+  sv_view full = sv_view_make(f->lens.model.width_px, f->lens.model.height_px, p, &f->f.cam_from_world);
   f->view = sv_view_scaled(&full, scale);
   f->view.time = f->f.time >= 0 ? (float)f->f.time : 0.0f;
   f->view.i_exposure = f->f.exposure;
   f->view.i_sub_view = f->f.sub_view;
-  f->view.fisheye = f->is_fisheye ? &f->fisheye : NULL;
+  f->view.fisheye = f->lens.is_fisheye ? &f->lens.fisheye : NULL;
 }
 
 typedef struct {
@@ -276,7 +272,10 @@ static void choose_task(void *arg, int i_task, int i_thread) {
   prepare_job *j = arg;
   lab_frame *f = &j->v->frames[j->first_of[i_task]];
   (void)i_thread;
-  j->errs[i_task].status = f->is_distorted ? lab_undistort_choose(f, &j->errs[i_task]) : SV_OK;
+  if (!sv_lens_view_make(&f->lens, &f->f.model))
+    j->errs[i_task].status = sv_fail(&j->errs[i_task], SV_E_RANGE,
+                                     "%s: no view fits this lens (%s, fx %g px); check its distortion",
+                                     f->path, sv_model_name(f->f.model.kind), f->f.model.p[0]);
 }
 
 static sv_status run_tasks(prepare_job *j, sv_task_fn fn, int n, const sv_pool *pool, sv_err *err) {
@@ -315,13 +314,14 @@ static sv_status prepare_views(prepare_job *j, const sv_pool *pool, sv_err *err)
   v->has_depth = true;
   for (int i = 0; i < v->n; i++) {
     lab_frame *f = &v->frames[i];
-    f->pinhole = v->frames[j->first_of[f->i_lens]].pinhole;
+    f->lens = v->frames[j->first_of[f->i_lens]].lens;
+    f->is_masked = *f->mask_path || sv_lens_view_has_dark(&f->lens);
     make_view(f, v->scale);
     size_t px = sv_plane_floats(f->view.width_px, f->view.height_px);
     if (px > v->cap_floats) v->cap_floats = px;
     if (f->view.width_px > v->cap_width_px) v->cap_width_px = f->view.width_px;
     if (f->view.height_px > v->cap_height_px) v->cap_height_px = f->view.height_px;
-    v->is_undistorted |= f->is_distorted;
+    v->is_undistorted |= f->lens.is_remapped;
     v->n_masked += f->is_masked;
     v->has_depth &= f->f.depth_kind != SV_DEPTH_NONE;
   }

@@ -14,7 +14,7 @@
 #ifndef SV_TOOLS_DATASET_DATASET_H
 #define SV_TOOLS_DATASET_DATASET_H
 
-#include "calib/fisheye.h"
+#include "calib/lens_view.h"
 #include "calib/remap.h"
 #include "src/format/transforms.h"
 #include "src/image/planes.h"
@@ -34,14 +34,12 @@ typedef struct {
   char path[SV_CAP_PATH], depth_path[SV_CAP_PATH];
   char mask_path[SV_CAP_PATH]; // empty: all pixels count
   int n_channels;              // 3, or 4 with alpha
-  bool is_distorted;           // the image is undistorted when it is loaded
   int i_lens;                  // frames of one lens share it
-  sv_camera_model pinhole;     // full size; of the undistorted image, or the fisheye's
+  sv_lens_view lens;           // full size
   sv_view view;                // 1/scale of it
-  bool is_fisheye;
-  bool is_masked;     // some pixels do not count: by mask_path, or outside a fisheye's range
-  sv_fisheye fisheye; // of the view
-  uint8_t *coverage;  // of a lens of a measurement: that of f.footprint, or NULL
+  // some pixels do not count: by mask_path, or outside a fisheye's range
+  bool is_masked;
+  uint8_t *coverage; // of a lens of a measurement: that of f.footprint, or NULL
   // the measurement that the frame is a lens of, -1: it has an image of its own
   int i_measurement;
 } lab_frame;
@@ -154,12 +152,6 @@ sv_status lab_mask_find(lab_frame *f, const lab_source *src, const char *folder,
 sv_status lab_mask_load(lab_loader *l, const lab_frame *f, int scale, uint8_t *dst, sv_err *err) SV_MUST_USE;
 
 // --- undistortion (undistort.c) ------------------------------------------------------------------
-// The widest pinhole of
-// the same size that the lens fills everywhere.
-sv_status lab_undistort_choose(lab_frame *f, sv_err *err) SV_MUST_USE;
-// Of a fisheye: is a place of the image inside the lens's range, and is a corner of it outside?
-bool lab_is_lit(const lab_frame *f, double u_px, double v_px);
-bool lab_has_dark_corner(const lab_frame *f);
 bool lab_is_same_lens(const sv_camera_model *a, const sv_camera_model *b);
 // The table for f's lens, kept in the loader until another lens comes.
 sv_status lab_undistort_map(lab_loader *l, const lab_frame *f, sv_err *err) SV_MUST_USE;

@@ -65,10 +65,9 @@ typedef struct {
 } mask_source;
 
 static bool counts(const mask_source *m, int x, int y) {
-  if (m->f->is_fisheye && !lab_is_lit(m->f, x + 0.5, y + 0.5)) return false;
-  if (!m->px) return true;
+  if (!sv_lens_view_is_lit(&m->f->lens, x + 0.5, y + 0.5)) return false;
   return m->map ? sv_remap_counts(m->map, m->px, x, y)
-                : m->px[(size_t)y * (size_t)m->width_px + (size_t)x] != 0;
+                : !m->px || m->px[(size_t)y * (size_t)m->width_px + (size_t)x] != 0;
 }
 
 sv_status lab_mask_load(lab_loader *l, const lab_frame *f, int scale, uint8_t *dst, sv_err *err) {
@@ -80,8 +79,8 @@ sv_status lab_mask_load(lab_loader *l, const lab_frame *f, int scale, uint8_t *d
     s = sv_fail(err, SV_E_FORMAT, "%s: the mask changed while it was read", f->mask_path);
   if (s == SV_OK && has_file) s = sv_bitmap_to_8(&b, err);
   if (s == SV_OK && has_file) s = sv_bitmap_to_channels(&b, 1, err);
-  if (s == SV_OK && f->is_distorted) s = lab_undistort_map(l, f, err);
-  const mask_source m = {f, b.u8, b.width_px, f->is_distorted ? &l->map : NULL};
+  if (s == SV_OK && f->lens.is_remapped) s = lab_undistort_map(l, f, err);
+  const mask_source m = {f, b.u8, b.width_px, f->lens.is_remapped ? &l->map : NULL};
   for (int y = 0; s == SV_OK && y < f->view.height_px; y++)
     for (int x = 0; x < f->view.width_px; x++) {
       bool is_in = true;

@@ -126,7 +126,7 @@ sv_status lab_picture_load(lab_loader *l, const lab_frame *f, int scale, uint8_t
     s = sv_fail(err, SV_E_FORMAT, "%s: the image changed while it was read", f->path);
   if (s == SV_OK) s = sv_bitmap_to_8(&b, err);
   if (s == SV_OK) s = sv_bitmap_to_channels(&b, f->n_channels, err);
-  if (s == SV_OK && f->is_distorted) s = undistort(l, f, &b, err);
+  if (s == SV_OK && f->lens.is_remapped) s = undistort(l, f, &b, err);
   if (s == SV_OK) {
     if (scale > 1) lab_reduce(b.u8, b.width_px, b.height_px, b.n_channels, scale, dst);
     else memcpy(dst, b.u8, lab_frame_bytes(f));
@@ -191,12 +191,13 @@ static double depth_at(const depth_source *d, int x, int y) {
   size_t i = (size_t)sy * (size_t)d->b->width_px + (size_t)sx;
   double unit = d->f->f.depth_unit > 0 ? d->f->f.depth_unit : LAB_DEPTH_UNIT;
   double v = unit * (d->b->bits == 16 ? d->b->u16[i] : d->b->u8[i]);
-  const double *p = d->f->pinhole.p;
-  if (d->f->is_fisheye) { // the distance; along an axis, nothing is told of what lies beside it
+  const double *p = d->f->lens.model.p;
+  // Of a fisheye the distance; along an axis, nothing is told of what lies beside it.
+  if (d->f->lens.is_fisheye) {
     const float xy[2] = {(float)((x + 0.5 - p[2]) / p[0]), (float)((y + 0.5 - p[3]) / p[1])};
     float ray[3];
     if (d->f->f.depth_kind == SV_DEPTH_RAY) return v;
-    return sv_fisheye_unproject(&d->f->fisheye, xy, ray) && ray[2] > 0.01f ? v / (double)ray[2] : 0;
+    return sv_fisheye_unproject(&d->f->lens.fisheye, xy, ray) && ray[2] > 0.01f ? v / (double)ray[2] : 0;
   }
   if (d->f->f.depth_kind != SV_DEPTH_RAY) return v;
   double rx = (x + 0.5 - p[2]) / p[0], ry = (y + 0.5 - p[3]) / p[1];
@@ -211,8 +212,8 @@ sv_status lab_depth_load(lab_loader *l, const lab_frame *f, int scale, float *ds
     s = sv_fail(err, SV_E_FORMAT, "%s: depth image is %dx%d with %d channels; expected %dx%d with one",
                 f->depth_path, b.width_px, b.height_px, b.n_channels, f->f.model.width_px,
                 f->f.model.height_px);
-  if (s == SV_OK && f->is_distorted) s = lab_undistort_map(l, f, err);
-  depth_source d = {&b, f, f->is_distorted ? &l->map : NULL};
+  if (s == SV_OK && f->lens.is_remapped) s = lab_undistort_map(l, f, err);
+  depth_source d = {&b, f, f->lens.is_remapped ? &l->map : NULL};
   for (int y = 0; s == SV_OK && y < f->view.height_px; y++)
     for (int x = 0; x < f->view.width_px; x++) {
       double sum = 0;

@@ -275,7 +275,7 @@ sv_status lab_prior_begin(lab_prior *p, const lab_prior_input *run, const sv_bou
   if (!p->rgba || !p->units || !p->map)
     return sv_fail(err, SV_E_NOMEM, "no memory for the images of --prior");
   for (int i = 0; p->command && i < p->views->n; i++)
-    if (p->views->frames[i].is_fisheye)
+    if (p->views->frames[i].lens.is_fisheye)
       return sv_fail(err, SV_E_UNSUPPORTED,
                      "%s: a fisheye; views are asked of a prior's program as pinholes only",
                      p->views->frames[i].path);

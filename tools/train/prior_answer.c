@@ -141,7 +141,7 @@ sv_status lab_prior_load(lab_prior *p, sv_err *err) {
     sv_status s;
     if (!f->f.prior_kind) continue;
     if ((s = sv_path_join(path, sizeof path, p->o->data, f->f.prior_path, err)) != SV_OK) return s;
-    if (f->is_distorted || f->is_fisheye)
+    if (f->lens.is_remapped || f->lens.is_fisheye)
       return sv_fail(err, SV_E_UNSUPPORTED,
                      "%s: depth priors of distorted and fisheye images are not supported, expected a pinhole "
                      "camera",
