@@ -284,7 +284,7 @@ static void make_static(maker *m) {
     for (int column = 2; column <= 10; column++) {
       char name[40];
       const camera c =
-          moved(around(45, 25, 100, RELEASE_LF_W, RELEASE_LF_H), 0.04 * (column - 6), 0.04 * (row - 6));
+          moved(around(45, 25, 200, RELEASE_LF_W, RELEASE_LF_H), 0.04 * (column - 6), 0.04 * (row - 6));
       snprintf(name, sizeof name, "lf__%02d_%02d.png", row, column);
       photo(m, k, &c, 12, name);
     }

@@ -10,12 +10,12 @@ extern "C" {
 #endif
 
 // Sizes of its pictures, and counts.
-#define RELEASE_LF_W     108 // sub-views of the light field, 9 x 9 of them
-#define RELEASE_LF_H     81
+#define RELEASE_LF_W     216 // sub-views of the light field, 9 x 9 of them
+#define RELEASE_LF_H     162
 #define RELEASE_PHOTO_W  64 // photos and videos
 #define RELEASE_PHOTO_H  48
 #define RELEASE_SIDE     96 // synthetic
-#define RELEASE_N_EVAL   6  // frames of an evaluation video
+#define RELEASE_N_EVAL   4  // frames of an evaluation video
 #define RELEASE_N_TRAIN  8  // of each training video
 #define RELEASE_N_FRAMES 19 // of each moving stream: no multiple of 8
 #define RELEASE_N_TEST   12 // synthetic test views

@@ -254,6 +254,51 @@ TEST(test_multiplexed) {
                              "--gaussians 60 --steps 3 --quiet --out m");
 }
 
+// One command makes the tables of all kinds; every cell of ours is filled.
+TEST(test_tables) {
+  static const struct {
+    const char *file;
+    int n_lines, first, last; // columns that must hold numbers
+  } files[] = {{"t/static/real.csv", 19, 4, 11},
+               {"t/casual/real.csv", 5, 4, 11},
+               {"t/dynamic/dynamic.csv", 9, 7, 9},
+               {"t/synthetic/summary.csv", 11, 5, 7},
+               {"t/multiplexed/sensor.csv", 3, 2, 4}};
+  lab_shell_need(&shell);
+  lab_shell_run_well(&shell, "@ tables --data d --steps 2 --gaussians 40 --jobs 1 --quiet --out t");
+  for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+    char *text = temp_read(shell.root, files[i].file), *line = text;
+    int n = 0;
+    for (; *line; line += strcspn(line, "\n") + 1, n++) {
+      const char *cell = line;
+      for (int k = 0; n && k <= files[i].last; k++, cell += strcspn(cell, ",\n") + 1) {
+        char *end;
+        const double v = strtod(cell, &end);
+        if (k >= files[i].first && (end == cell || !isfinite(v)))
+          fail_msg("%s: field %d of line %d is no number: %.150s", files[i].file, k, n + 1, line);
+      }
+    }
+    assert_int_equal(n, files[i].n_lines);
+    free(text);
+  }
+  // Both devices of a recording are compared over the same pixels.
+  char *text = temp_read(shell.root, "t/static/real.csv");
+  const char *mono = strstr(text, "toy,stereo,monocular,3DGS"),
+             *both = strstr(text, "toy,stereo,stereo,3DGS");
+  assert_true(mono && both);
+  double own[2], shared[2];
+  for (int i = 0; i < 2; i++)
+    assert_int_equal(
+        sscanf(i ? both : mono, "%*[^,],%*[^,],%*[^,],%*[^,],%lf,%*f,%*f,%*f,%lf", &own[i], &shared[i]), 2);
+  assert_true(shared[0] == shared[1] && shared[0] > 0 && shared[0] <= own[0] && shared[0] <= own[1]);
+  free(text);
+  text = temp_read(shell.root, "t/static/tables.md");
+  // the paper's mean: light field capture, monocular, 3DGS
+  assert_contains(text, "| 26.24 | 0.656 | 0.243 |");
+  assert_contains(text, "What differs from the paper");
+  free(text);
+}
+
 // What cannot be used is told in one sentence.
 TEST(test_refused) {
   lab_shell_need(&shell);
@@ -277,6 +322,7 @@ int main(void) {
       cmocka_unit_test(test_pixel_budget), cmocka_unit_test(test_alignment),
       cmocka_unit_test(test_casual),       cmocka_unit_test(test_dynamic),
       cmocka_unit_test(test_synthetic),    cmocka_unit_test(test_synthetic_sensor),
-      cmocka_unit_test(test_multiplexed),  cmocka_unit_test(test_refused)};
+      cmocka_unit_test(test_multiplexed),  cmocka_unit_test(test_tables),
+      cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

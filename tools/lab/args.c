@@ -20,7 +20,8 @@ static const sv_option table[] = {
      "dataset: a folder with transforms JSON and images; train: also a COLMAP folder, a capture, or a .zip",
      0, 0, 0},
     {"data", SV_OPT_TEXT, LAB_TABLES, LAB_TABLES, AT(data), "DIR[,DIR...]",
-     "datasets with files transforms_train_DEVICE[_thetaT].json", 0, 0, 0},
+     "datasets with files transforms_train_DEVICE[_thetaT][_Nviews].json, or a folder of such datasets", 0, 0,
+     0},
     {"data", SV_OPT_TEXT, LAB_INFO, 0, AT(data), "DIR", "dataset: a folder with transforms JSON and images",
      0, 0, 0},
     {"rig", SV_OPT_TEXT, LAB_INFO, 0, AT(rig), "DIR", "a rig instead", 0, 0, 0},
@@ -60,6 +61,8 @@ static const sv_option table[] = {
      "for few views: the depth losses, unpooling or pruning of these methods; or a program that repairs "
      "renderings or estimates depth, called with a folder (none)",
      0, 0, 0},
+    {"prior", SV_OPT_TEXT, LAB_TABLES, 0, AT(prior), "external:CMD",
+     "videos: also rows with this program, called with a folder, as a prior (none)", 0, 0, 0},
     {"prior-views", SV_OPT_INT, LAB_TRAIN, 0, AT(prior_views), "N", "--prior external: views per call (8)", 1,
      256, 0},
     {"prior-calls", SV_OPT_INT, LAB_TRAIN, 0, AT(prior_calls), "N",

@@ -109,8 +109,9 @@ static const lab_command commands[] = {
       LAB_IMPORT},
      lab_cmd_import},
     {{"tables", "--data DIR[,DIR...] --out DIR [options]", "reproduce the paper's tables and curves",
-      "Trains and scores all devices of the datasets (Blender scenes, or those of 'import --from sim') with "
-      "1 and 3\nexposures, over angles, numbers of exposures, initializations, TV and numbers of Gaussians. "
+      "Trains and scores all devices of the datasets (Blender scenes, those of 'import --from sim' or of "
+      "'import --from\nlightfield-release', which also have recordings of real cameras) with 1 and "
+      "3\nexposures, over angles, numbers of exposures, initializations, TV and numbers of Gaussians. "
       "Writes tables.md\nwith the paper's results beside ours, CSV files, plots (with gnuplot) and a contact "
       "sheet per scene. Each run is a "
       "job of its\nown, whose results stay in DIR/runs; run a stopped command again to continue. --plan "

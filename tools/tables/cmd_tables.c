@@ -56,31 +56,106 @@ static sv_status open_out(tables *t, sv_err *err) {
   return s;
 }
 
-static sv_status work(tables *t, sv_err *err) {
+static sv_status synthetic(tables *t, sv_err *err) {
   bool has_plots = false;
-  sv_status s = sv_linux_catch_signals(err);
-  if (s == SV_OK) s = know_program(t, err);
-  if (s == SV_OK) s = tables_scan(t, t->o->data, err);
-  if (s == SV_OK && t->o->is_noise_on_prediction) s = leave_multiplexed(t, err);
-  int n_dynamic = 0;
-  for (int i = 0; s == SV_OK && i < t->n_scenes; i++) n_dynamic += t->scenes[i].is_dynamic;
-  if (n_dynamic > 0 && n_dynamic < t->n_scenes)
-    return sv_fail(err, SV_E_UNSUPPORTED, "%s: moving and still scenes have different tables; name one kind",
-                   t->o->data);
-  if (n_dynamic > 0) {
-    s = open_out(t, err);
-    return s == SV_OK ? tables_dynamic(t, err) : s;
-  }
-  if (s == SV_OK) s = tables_plan(t, err);
+  sv_status s = tables_plan(t, err);
   if (s == SV_OK && t->n_runs == 0)
     s = sv_fail(err, SV_E_NOT_FOUND, "%s: no device has an exposure to train on", t->o->data);
-  if (s == SV_OK) s = open_out(t, err);
   if (s == SV_OK) s = tables_run_all(t, err);
   if (t->o->plan) return s;
   if (s == SV_OK) s = tables_write_csv(t, err);
   if (s == SV_OK) s = tables_write_sheets(t, err);
   if (s == SV_OK) s = tables_write_plots(t, &has_plots, err);
   return s == SV_OK ? tables_write_markdown(t, has_plots, err) : s;
+}
+
+static sv_status work_kind(tables *t, tables_kind kind, sv_err *err) {
+  switch (kind) {
+  case TABLES_DYNAMIC: return tables_dynamic(t, err);
+  case TABLES_STATIC:
+  case TABLES_CASUAL: return tables_real(t, err);
+  case TABLES_SENSOR: return tables_sensor(t, err);
+  default: return synthetic(t, err);
+  }
+}
+
+// One kind of several: its tables go to a folder of OUT, its jobs to a file of that folder.
+static sv_status work_part(tables *t, tables_kind kind, tables_scene *scenes, sv_err *err) {
+  const tables whole = *t;
+  lab_options o = *t->o;
+  char out[SV_CAP_PATH], plan[SV_CAP_PATH];
+  int n = 0;
+  for (int i = 0; i < whole.n_scenes; i++)
+    if (whole.scenes[i].kind == kind) scenes[n++] = whole.scenes[i];
+  if (n == 0) return SV_OK;
+  sv_status s = sv_path_join(out, sizeof out, whole.out, tables_kind_names[kind], err);
+  if (s == SV_OK) s = sv_path_make_folder(out, err);
+  if (s == SV_OK) s = sv_path_join(plan, sizeof plan, out, "plan.txt", err);
+  if (s != SV_OK) return s;
+  o.out = out;
+  if (o.plan) o.plan = plan;
+  t->o = &o;
+  t->scenes = scenes;
+  t->n_scenes = n;
+  sv_copy(t->out, sizeof t->out, out);
+  lab_say(&t->session, "%s: %d datasets", tables_kind_names[kind], n);
+  s = work_kind(t, kind, err);
+  for (int i = 0; i < N_TABLES; i++) free(t->tables[i].rows);
+  memset(t->tables, 0, sizeof t->tables);
+  free(t->runs);
+  t->runs = NULL;
+  t->n_all_runs += t->n_runs;
+  t->n_all_missing += t->n_missing;
+  t->n_runs = t->cap_runs = t->n_missing = 0;
+  t->o = whole.o;
+  t->scenes = whole.scenes;
+  t->n_scenes = whole.n_scenes;
+  sv_copy(t->out, sizeof t->out, whole.out);
+  return s;
+}
+
+// The jobs of all kinds in one file.
+static sv_status join_plans(const tables *t, sv_err *err) {
+  FILE *f = sv_stream_open(t->o->plan, err);
+  if (!f) return SV_E_IO;
+  sv_status s = SV_OK;
+  for (int k = 0; k < TABLES_N_KINDS && s == SV_OK; k++) {
+    char path[SV_CAP_PATH], name[40];
+    void *data;
+    size_t bytes;
+    snprintf(name, sizeof name, "%s/plan.txt", tables_kind_names[k]);
+    s = sv_path_join(path, sizeof path, t->out, name, err);
+    if (s != SV_OK || !sv_path_exists(path)) continue;
+    s = sv_file_read(path, &data, &bytes, err);
+    if (s != SV_OK) break;
+    fwrite(data, 1, bytes, f);
+    free(data);
+    remove(path);
+  }
+  const sv_status saved = sv_stream_save(f, err);
+  return s == SV_OK ? saved : s;
+}
+
+static sv_status work_all(tables *t, sv_err *err) {
+  tables_scene *scenes = calloc((size_t)t->n_scenes, sizeof *scenes);
+  sv_status s = scenes ? SV_OK : sv_fail(err, SV_E_NOMEM, "no memory for the datasets");
+  for (int k = 0; k < TABLES_N_KINDS && s == SV_OK; k++) s = work_part(t, (tables_kind)k, scenes, err);
+  free(scenes);
+  t->n_runs = t->n_all_runs;
+  t->n_missing = t->n_all_missing;
+  return s == SV_OK && t->o->plan ? join_plans(t, err) : s;
+}
+
+static sv_status work(tables *t, sv_err *err) {
+  sv_status s = sv_linux_catch_signals(err);
+  if (s == SV_OK) s = know_program(t, err);
+  if (s == SV_OK) s = tables_scan(t, t->o->data, err);
+  if (s == SV_OK && t->o->is_noise_on_prediction) s = leave_multiplexed(t, err);
+  if (s == SV_OK) s = open_out(t, err);
+  if (s != SV_OK) return s;
+  for (int i = 0; i < t->n_scenes; i++)
+    if (t->scenes[i].kind != t->scenes[0].kind) return work_all(t, err);
+  return work_kind(t, t->scenes[0].kind, err);
 }
 
 int lab_cmd_tables(const lab_options *o) {
@@ -102,9 +177,7 @@ int lab_cmd_tables(const lab_options *o) {
   if (s != SV_OK) code = lab_failed(&t->session, &err);
   else if (o->plan)
     lab_say(&t->session, "%s: %d jobs, one a line; then subview-lab tables --collect", o->plan, t->n_missing);
-  else
-    lab_say(&t->session, "%s/tables.md: %d runs; also CSV files%s", o->out, t->n_runs,
-            t->n_scenes > 0 && t->scenes[0].is_dynamic ? " and plots" : ", plots and contact sheets");
+  else lab_say(&t->session, "%s: tables.md, CSV files and plots of %d runs", o->out, t->n_runs);
   lab_session_stop(&t->session);
   tables_free(t);
   free(t);

@@ -10,6 +10,7 @@
 #include "src/base/str.h"
 #include "tools/tables/jobs.h"
 #include "tools/tables/plot.h"
+#include "tools/tables/real.h"
 
 enum { MODE_CLIP, MODE_FIELD, N_MODES };
 static const char *const mode_names[N_MODES] = {"clip", "field"};
@@ -35,6 +36,9 @@ static const char *file_of(const tables *t, int i_scene, int device) {
   const tables_capture *c = &t->scenes[i_scene].of[device];
   return c->files[c->i_main].transforms;
 }
+
+// Whether views of held-out cameras are scored; recordings have held-out times only.
+static bool has_cameras(const tables *t, int i_scene) { return t->scenes[i_scene].n_views[TABLES_TEST] > 0; }
 
 // What was made with other noise is another run's.
 static void name_run(const tables *t, const row *r, char out[TABLES_CAP_KEY]) {
@@ -74,8 +78,10 @@ static sv_status job_of(tables_job *j, const tables *t, const row *r, numbers *n
   tables_job_add(s, "--gaussians", n->n_gaussians);
   tables_job_add(s, "--steps", n->n_steps);
   tables_job_add(s, "--seed", n->seed);
-  tables_job_add(s, "--eval", NULL);
-  tables_job_add(s, "--lpips", NULL);
+  if (has_cameras(t, r->i_scene)) {
+    tables_job_add(s, "--eval", NULL);
+    tables_job_add(s, "--lpips", NULL);
+  }
   if (t->o->noise) tables_job_add(s, "--noise", t->o->noise);
   tables_job_add(s, "--threads", n->threads);
   tables_job_add(s, "--json", NULL);
@@ -98,14 +104,17 @@ static bool take(const job *j, row *r, const tables_job *from, const char *file)
   sv_status s = tables_job_read(from, file, &text, &err);
   const bool is_train = strcmp(file, TRAIN) == 0;
   if (s == SV_OK && is_train) s = tables_result_train(&r->train, text, &err);
-  if (s == SV_OK) s = tables_result_eval(is_train ? &r->novel : &r->time, &wall_s, text, &err);
+  const bool is_scored = !is_train || has_cameras(j->t, r->i_scene);
+  if (!is_scored) r->novel = tables_no_result().score[0];
+  if (s == SV_OK && is_scored) s = tables_result_eval(is_train ? &r->novel : &r->time, &wall_s, text, &err);
   free(text);
   if (s != SV_OK && s != SV_E_NOT_FOUND) tables_job_drop(from, j->t, file, &err);
   return s == SV_OK;
 }
 
 // How many runs are there; with f, the lines of the others.
-static sv_status look(const job *j, FILE *f, int *n_done, sv_err *err) {
+static sv_status look(void *of, FILE *f, int *n_done, sv_err *err) {
+  const job *j = of;
   *n_done = 0;
   for (int i = 0; i < j->n; i++) {
     row *r = &j->rows[i];
@@ -124,36 +133,6 @@ static sv_status look(const job *j, FILE *f, int *n_done, sv_err *err) {
   return SV_OK;
 }
 
-static sv_status run_jobs(const job *j, sv_err *err) {
-  tables *t = j->t;
-  char path[SV_CAP_PATH];
-  int n_done = 0;
-  sv_status s = sv_path_join(path, sizeof path, t->out, "jobs.txt", err);
-  if (s == SV_OK && t->o->plan && !sv_copy(path, sizeof path, t->o->plan))
-    s = sv_fail(err, SV_E_RANGE, "--plan %.80s: too long", t->o->plan);
-  FILE *f = s == SV_OK && !t->o->is_collected ? sv_stream_open(path, err) : NULL;
-  if (s == SV_OK && !t->o->is_collected && !f) s = SV_E_IO;
-  if (s == SV_OK) s = look(j, f, &n_done, err);
-  if (f) {
-    const sv_status saved = sv_stream_save(f, err);
-    if (s == SV_OK) s = saved;
-  }
-  if (s != SV_OK) return s;
-  t->n_missing = j->n - n_done;
-  lab_say(&t->session, "%d runs, %d already done", j->n, n_done);
-  if (t->o->plan || t->o->is_collected || !t->n_missing) return SV_OK;
-  s = tables_jobs_run(t, path, err);
-  sv_err other;
-  if (look(j, NULL, &n_done, &other) == SV_OK) t->n_missing = j->n - n_done;
-  if (s == SV_E_INTERRUPTED)
-    return sv_fail(err, s,
-                   "stopped by request with %d of %d runs done; run the same command again to continue",
-                   n_done, j->n);
-  if (s == SV_OK && !t->n_missing) return SV_OK;
-  return sv_fail(err, SV_E_DEVICE, "%d of %d runs failed: see log.txt of each in %.150s/runs", t->n_missing,
-                 j->n, t->o->out);
-}
-
 // --- what is written -----------------------------------------------------------------------------
 
 static const row *row_of(const job *j, int i_scene, int mode, int device) {
@@ -166,7 +145,7 @@ static const row *row_of(const job *j, int i_scene, int mode, int device) {
 static void put_row(FILE *f, const job *j, const row *r, bool is_csv) {
   const char *sep = is_csv ? "," : " | ";
   const row *m = row_of(j, r->i_scene, r->mode, TABLES_MONO);
-  char v[12][32];
+  char v[15][32];
   for (int k = 0; k < 4; k++) tables_format(v[k], sizeof v[k], k, r->novel.of[k]);
   for (int k = 0; k < 3; k++) tables_format(v[4 + k], sizeof v[0], k, r->time.of[k]);
   bool has_mono = m && m != r;
@@ -178,7 +157,12 @@ static void put_row(FILE *f, const job *j, const row *r, bool is_csv) {
   snprintf(v[11], sizeof v[11], "%.1f", r->train.arena_bytes * 1e-6);
   fprintf(f, "%s%s%s%s%s%s", is_csv ? "" : "| ", j->t->scenes[r->i_scene].name, sep,
           tables_device_words[r->device], sep, mode_names[r->mode]);
-  for (int k = 0; k < 12; k++) fprintf(f, "%s%s", sep, v[k]);
+  for (int k = 0; k < 3; k++)
+    tables_format(v[12 + k], sizeof v[0], k,
+                  r->mode == MODE_FIELD
+                      ? tables_paper_real(&j->t->scenes[r->i_scene], r->device, TABLES_PLAIN, k, false)
+                      : NAN);
+  for (int k = 0; k < 15; k++) fprintf(f, "%s%s", sep, v[k]);
   fprintf(f, is_csv ? "\n" : " |\n");
 }
 
@@ -197,7 +181,10 @@ static void put_all(FILE *f, const job *j, bool is_csv) {
                                      "times dB over mono",
                                      "AbsRel of mono's",
                                      "s",
-                                     "MB"};
+                                     "MB",
+                                     "paper's PSNR",
+                                     "paper's SSIM",
+                                     "paper's LPIPS"};
   const int n = sizeof head / sizeof *head;
   for (int k = 0; k < n; k++)
     fprintf(f, "%s%s%s", is_csv ? (k ? "," : "") : "| ", head[k], is_csv ? "" : " ");
@@ -266,7 +253,11 @@ static sv_status write_file(const job *j, const char *name, bool is_csv, bool ha
         "over all times. \"Times\": held-out frames of the camera that all devices share. \"clip\": each "
         "Gaussian has its own motion; \"field\": one deformation field (HexPlane and layers), as in 4DGS. "
         "`s` is "
-        "the time of training, `MB` its one memory block.\n\n",
+        "the time of training, `MB` its one memory block. The paper's figures are of 4DGS (our \"field\") on "
+        "the "
+        "held-out frames of the same recordings; its LPIPS is that of VGG, which is not comparable with ours "
+        "of "
+        "SqueezeNet, and its poses vary over time.\n\n",
         j->t->n_gaussians, j->t->n_steps);
   put_all(f, j, is_csv);
   if (!is_csv) tables_put_plots(f, j->t, has_plots);
@@ -287,7 +278,7 @@ sv_status tables_dynamic(tables *t, sv_err *err) {
         if (t->scenes[i].of[devices[d]].n)
           j->rows[j->n++] = (row){.i_scene = i, .device = devices[d], .mode = m};
   t->n_runs = j->n;
-  sv_status s = run_jobs(j, err);
+  sv_status s = tables_make_jobs(t, look, j, j->n, err);
   bool has_pictures = false;
   if (s != SV_OK || t->o->plan) {
     free(j->rows);

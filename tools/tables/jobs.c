@@ -125,6 +125,39 @@ static void stop(tables *t, pid_t group) {
   kill(-group, SIGKILL);
 }
 
+static sv_status write_or_count(tables *t, tables_look_fn *look, void *of, const char *path, int *n_done,
+                                sv_err *err) {
+  if (t->o->is_collected) return look(of, NULL, n_done, err);
+  FILE *f = sv_stream_open(path, err);
+  if (!f) return SV_E_IO;
+  sv_status s = look(of, f, n_done, err);
+  const sv_status saved = sv_stream_save(f, err);
+  return s == SV_OK ? saved : s;
+}
+
+sv_status tables_make_jobs(tables *t, tables_look_fn *look, void *of, int n, sv_err *err) {
+  char path[SV_CAP_PATH];
+  int n_done = 0;
+  sv_status s = sv_path_join(path, sizeof path, t->out, "jobs.txt", err);
+  if (s == SV_OK && t->o->plan && !sv_copy(path, sizeof path, t->o->plan))
+    s = sv_fail(err, SV_E_RANGE, "--plan %.80s: too long", t->o->plan);
+  if (s == SV_OK) s = write_or_count(t, look, of, path, &n_done, err);
+  if (s != SV_OK) return s;
+  t->n_missing = n - n_done;
+  lab_say(&t->session, "%d runs, %d already done", n, n_done);
+  if (t->o->plan || t->o->is_collected || !t->n_missing) return SV_OK;
+  s = tables_jobs_run(t, path, err);
+  sv_err other;
+  if (look(of, NULL, &n_done, &other) == SV_OK) t->n_missing = n - n_done;
+  if (s == SV_E_INTERRUPTED)
+    return sv_fail(err, s,
+                   "stopped by request with %d of %d runs done; run the same command again to continue",
+                   n_done, n);
+  if (s == SV_OK && !t->n_missing) return SV_OK;
+  return sv_fail(err, SV_E_DEVICE, "%d of %d runs failed: see log.txt of each in %.150s/runs", t->n_missing,
+                 n, t->o->out);
+}
+
 sv_status tables_jobs_run(tables *t, const char *path, sv_err *err) {
   char n_jobs[24], log[SV_CAP_PATH];
   const sv_console *con = &t->session.console;

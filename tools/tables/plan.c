@@ -116,8 +116,8 @@ static tables_row *add_row(tables *t, tables_id id, int device, int n_exposures,
 // exposures.
 static sv_status add_to_row(tables *t, tables_row *r, tables_setting s, sv_err *err) {
   const tables_capture *c = &t->scenes[s.i_scene].of[s.device];
-  if (!c->n) return SV_OK;
-  if (s.i_file < 0) s.i_file = c->i_main;
+  if (s.i_file < 0) s.i_file = tables_main_file(c, s.n_exposures);
+  if (s.i_file < 0) return SV_OK;
   if (s.n_exposures > c->files[s.i_file].n_exposures || r->n_runs == TABLES_CAP_ROW_RUNS) return SV_OK;
   int i = want_run(t, &s, r->split);
   if (i < 0) return sv_fail(err, SV_E_NOMEM, "no memory for %d runs", t->n_runs + 1);
@@ -255,13 +255,14 @@ static sv_status plan_angles(tables *t, sv_err *err) {
   return s;
 }
 
-// The most exposures that a scene's mono, stereo or light field has in its main file.
+// The most exposures that a file of a scene's mono, stereo or light field has.
 static int most_exposures(const tables_scene *sc) {
   static const int devices[] = {TABLES_MONO, TABLES_STEREO, TABLES_LIGHTFIELD};
   int most = 0;
   for (int k = 0; k < 3; k++) {
     const tables_capture *c = &sc->of[devices[k]];
-    if (c->n && c->files[c->i_main].n_exposures > most) most = c->files[c->i_main].n_exposures;
+    for (int i = 0; i < c->n; i++)
+      if (c->files[i].n_exposures > most) most = c->files[i].n_exposures;
   }
   return most;
 }

@@ -6,7 +6,7 @@
 
 #include "src/base/str.h"
 #include "src/format/json.h"
-#include "tools/tables/tables.h"
+#include "tools/tables/real.h"
 
 static const char *const keys[TABLES_N_FIGURES] = {"psnr", "ssim", "lpips_squeeze", "abs_rel", "rmse"};
 
@@ -62,6 +62,32 @@ static sv_status get_training(const sv_json *j, int i, tables_result *r, sv_err 
   r->gaussians = (long)gaussians;
   r->threads = (int)threads;
   r->wall_s = r->seconds + load_s;
+  return s;
+}
+
+sv_status tables_result_masked(tables_masked m[TABLES_N_MASKS], const char *text, sv_err *err) {
+  static const char *const masked[TABLES_N_MASKS][4] = {
+      {"mask_coverage", "mpsnr", "mssim", "mlpips"},
+      {"shared_coverage", "shared_psnr", "shared_ssim", "shared_lpips"}};
+  document d;
+  sv_status s = parse(&d, "what eval printed", text, strlen(text), err);
+  for (int i = 0; i < TABLES_N_MASKS && s == SV_OK; i++) {
+    s = need_number(&d.j, 0, masked[i][0], &m[i].coverage, err);
+    for (int k = 0; k < 3 && s >= 0; k++) { // absent where no pixel was seen
+      m[i].of[k] = NAN;
+      s = sv_json_get_double(&d.j, 0, masked[i][1 + k], &m[i].of[k], err);
+    }
+    if (s == SV_END) s = SV_OK;
+  }
+  free(d.tok);
+  return s;
+}
+
+sv_status tables_result_measured(double *psnr, const char *text, sv_err *err) {
+  document d;
+  sv_status s = parse(&d, "what train printed", text, strlen(text), err);
+  if (s == SV_OK) s = need_number(&d.j, 0, "measurement_psnr", psnr, err);
+  free(d.tok);
   return s;
 }
 

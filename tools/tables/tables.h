@@ -6,9 +6,11 @@
 #ifndef SV_TOOLS_TABLES_TABLES_H
 #define SV_TOOLS_TABLES_TABLES_H
 
+#include <stdio.h>
+
 #include "tools/lab/lab.h"
 
-#define TABLES_CAP_SCENES   32
+#define TABLES_CAP_SCENES   96
 #define TABLES_CAP_FILES    24  // angular baselines of one device
 #define TABLES_CAP_NAME     48  // of a scene
 #define TABLES_CAP_KEY      160 // a run's folder
@@ -32,9 +34,22 @@ typedef struct {
 } tables_figures;
 
 // --- datasets (scan.c) --------------------------------------------------------------------
+// Kinds of scenes, each with tables of its own: five devices and true depth; one exposure of real
+// cameras; videos of real cameras; moving scenes; one sensor without held-out views.
+typedef enum {
+  TABLES_SYNTHETIC,
+  TABLES_STATIC,
+  TABLES_CASUAL,
+  TABLES_DYNAMIC,
+  TABLES_SENSOR,
+  TABLES_N_KINDS
+} tables_kind;
+extern const char *const tables_kind_names[TABLES_N_KINDS];
+
 typedef struct {
   char transforms[SV_TRANSFORMS_CAP_PATH];
   double theta_deg; // below 0: the name does not say
+  int n_only;       // it is for runs of so many exposures (_Nviews in its name); 0: for all
   int n_exposures;
   uint64_t digest; // of the file
 } tables_file;
@@ -49,8 +64,10 @@ typedef struct {
   char folder[SV_CAP_PATH]; // without links
   char name[TABLES_CAP_NAME];
   int n_views[TABLES_N_SPLITS], width_px, height_px; // held out
-  // dynamic: the held-out views are of several times
-  bool has_depth, is_dynamic;
+  bool has_depth;
+  tables_kind kind;
+  // of names KIND_SCENE_CAPTURE: the scene, and what it was recorded with
+  char subject[TABLES_CAP_NAME], capture[16];
   uint64_t digest; // of a held-out image of each split
   tables_capture of[TABLES_N_DEVICES];
 } tables_scene;
@@ -120,6 +137,7 @@ typedef struct {
   long n_threads, n_jobs; // of each job; at a time
   tables_run *runs;
   int n_runs, cap_runs, n_missing; // missing: with --collect
+  int n_all_runs, n_all_missing;   // of the kinds of scenes that are done
   char out[SV_CAP_PATH];           // --out, without links
   tables_table tables[N_TABLES];
   char program[SV_CAP_PATH], build[24]; // this program and its digest
@@ -131,7 +149,7 @@ uint64_t tables_hash(uint64_t h, const void *data, size_t bytes);
 sv_status tables_hash_file(uint64_t *h, const char *path, sv_err *err) SV_MUST_USE;
 
 // Finds the datasets' devices, angles and exposures; every file that a run will need is looked at.
-// `list` is DIR[,DIR...].
+// `list` is DIR[,DIR...]; a DIR that is no dataset stands for the datasets in it.
 sv_status tables_scan(tables *t, const char *list, sv_err *err) SV_MUST_USE;
 
 // Lays out all tables and the runs they need, each once.
@@ -139,6 +157,8 @@ sv_status tables_plan(tables *t, sv_err *err) SV_MUST_USE;
 void tables_free(tables *t);
 // "gears, light field, 10 degrees, 3 exposures, 20000 Gaussians"
 void tables_describe(const tables *t, const tables_run *r, char *out, size_t cap);
+// The file of a capture for runs of n exposures; -1: there is none.
+int tables_main_file(const tables_capture *c, int n_exposures);
 const tables_file *tables_file_of(const tables *t, const tables_setting *s);
 
 // Makes the runs that have no result yet. E_INTERRUPTED when a stop was requested: what is done
@@ -148,10 +168,20 @@ sv_status tables_run_all(tables *t, sv_err *err) SV_MUST_USE;
 // The tables of moving scenes, instead of all others: OUT/tables.md, OUT/dynamic.csv and plots of
 // PSNR in OUT/plots. What was run before is taken from OUT/runs.
 sv_status tables_dynamic(tables *t, sv_err *err) SV_MUST_USE;
+// Those of real cameras, static or casual: OUT/tables.md and OUT/real.csv (real.c).
+sv_status tables_real(tables *t, sv_err *err) SV_MUST_USE;
+// That of a sensor without held-out views: OUT/tables.md and OUT/sensor.csv (sensor.c).
+sv_status tables_sensor(tables *t, sv_err *err) SV_MUST_USE;
+// All jobs of a table that is not of tables_plan's form: with --plan their lines are written, with
+// --collect nothing is run. look(of, f, &n_done) reads what is there, and writes the lines of the
+// others to f unless it is NULL.
+typedef sv_status tables_look_fn(void *of, FILE *f, int *n_done, sv_err *err);
+sv_status tables_make_jobs(tables *t, tables_look_fn *look, void *of, int n, sv_err *err) SV_MUST_USE;
 
 // Figures from what `train --json` and `eval --json` print. *wall_s is increased.
 sv_status tables_result_train(tables_result *r, const char *text, sv_err *err) SV_MUST_USE;
 sv_status tables_result_eval(tables_figures *f, double *wall_s, const char *text, sv_err *err) SV_MUST_USE;
+sv_status tables_result_measured(double *psnr, const char *text, sv_err *err) SV_MUST_USE;
 tables_result tables_no_result(void); // no figure is known
 
 // --- averages (rows.c) --------------------------------------------------------------------

@@ -15,6 +15,7 @@
 #include "tools/import/find.h"
 #include "tools/train/appearance.h"
 #include "tools/train/evaluate.h"
+#include "tools/train/measured.h"
 #include "tools/train/noise.h"
 #include "tools/train/plan.h"
 #include "tools/train/prior.h"
@@ -40,9 +41,9 @@ typedef struct {
   lab_plan plan;
   lab_prior prior;
   sv_driver driver;
-  long n_steps;   // wanted; 0: by time
-  double limit_s; // 0: by steps
-  double load_s, eval_s;
+  long n_steps;                         // wanted; 0: by time
+  double limit_s;                       // 0: by steps
+  double load_s, eval_s, measured_psnr; // measured: of multiplexed measurements
   bool is_stopped, has_scores;
   sv_render_options render; // of the finished model
   lab_scores scores,
@@ -419,6 +420,7 @@ static void report_figures(lab_report *j, const run *r) {
   lab_report_int(j, "steps", (long long)r->plan.trainer.step);
   lab_report_int(j, "gaussians", r->plan.trainer.g.n);
   lab_report_num(j, "loss", r->driver.loss);
+  if (r->views.n_measurements) lab_report_num(j, "measurement_psnr", r->measured_psnr);
   lab_report_num(j, "seconds", r->driver.train_s);
   lab_report_num(j, "load_seconds", r->load_s);
   if (r->has_scores) lab_report_num(j, "eval_seconds", r->eval_s);
@@ -554,6 +556,8 @@ static sv_status stages(run *r, sv_err *err) {
                       &r->start.bounds, &r->plan.scratch, err);
   if (s == SV_OK) s = place_from_prior(r, err);
   if (s != SV_OK || (s = train(r, err)) != SV_OK) return s;
+  s = lab_measured_psnr(&r->plan.trainer, &r->render, &r->measured_psnr);
+  if (s != SV_OK) return sv_fail(err, s, "the measurements cannot be rendered: %s", sv_status_text(s));
   if ((s = save(r, err)) != SV_OK) return s; // whatever comes later, the model is there
   if (r->o->is_eval && !r->is_stopped) {
     if ((s = evaluate(r, err)) != SV_OK) return s;
