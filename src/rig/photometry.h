@@ -21,7 +21,10 @@ typedef struct {
   // Distance of r = 1 from the principal point, in focal lengths: it holds at every size and crop.
   double corner;
   double color_sigma[3]; // of each row, relative: one standard deviation
-  double falloff_sigma;  // of the light at r = 1, as a share of that at the principal point
+  // Of the color's terms off the diagonal, as shares of the row's gain. 0: they were not measured,
+  // and are taken as none.
+  double mix_sigma;
+  double falloff_sigma; // of the light at r = 1, as a share of that at the principal point
 } sv_photometry;
 
 // No difference to the reference, r = 1 at the farthest corner of a lens's images.

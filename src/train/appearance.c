@@ -22,6 +22,7 @@ void sv_appearance_carve(sv_appearance *a, const sv_train_cfg *cfg, size_t cap_f
   sv_arena_part_begin(arena, "appearance");
   a->camera = SV_TAKE(arena, sv_appearance_group, c->n_cameras);
   a->exposure = SV_TAKE(arena, sv_appearance_group, c->n_exposures);
+  a->measured = SV_TAKE(arena, sv_photometry, c->n_cameras);
   a->camera_of = SV_TAKE(arena, int32_t, cfg->cap_views);
   a->exposure_of = SV_TAKE(arena, int32_t, cfg->cap_views);
   for (int k = 0; k < 3; k++) a->image.c[k] = SV_TAKE(arena, float, cap_floats);
@@ -41,6 +42,7 @@ static void begin(sv_appearance_group *g, int n) {
 void sv_appearance_reset(sv_appearance *a, const sv_appearance_cfg *c) {
   begin(a->camera, c->n_cameras);
   begin(a->exposure, c->n_exposures);
+  for (int i = 0; i < c->n_cameras; i++) a->measured[i] = (sv_photometry){0};
 }
 
 void sv_train_set_appearance(sv_trainer *t, int i_view, int i_camera, int i_exposure) {

@@ -29,7 +29,8 @@ extern "C" {
 typedef struct sv_trainer sv_trainer;
 typedef struct sv_train_cfg sv_train_cfg;
 
-#define SV_APPEARANCE_ROWS 12 // of a thread's scratch
+#define SV_APPEARANCE_ROWS    12 // of a thread's scratch
+#define SV_APPEARANCE_UNKNOWN 1.0
 
 typedef struct {
   int n_cameras;   // Cameras with a transform and a falloff of their own. Default 0: no appearance.
@@ -49,10 +50,13 @@ typedef struct {
 
 typedef struct {
   sv_appearance_group *camera, *exposure; // [n_cameras], [n_exposures]
-  int32_t *camera_of, *exposure_of;       // [cap_views]; -1: a view without
-  sv_planes image;                        // the rendering as the camera shows it
-  float *row_sum;                         // [cap rows][SV_APPEARANCE_SUMS]
-  float *scratch;                         // [n_threads][SV_APPEARANCE_ROWS][cap_stride]
+  // [n_cameras] What the start measured (appearance_start.h), r as of the falloff here; not known
+  // where it did not. A falloff_sigma of SV_APPEARANCE_UNKNOWN: not estimated, taken as none.
+  sv_photometry *measured;
+  int32_t *camera_of, *exposure_of; // [cap_views]; -1: a view without
+  sv_planes image;                  // the rendering as the camera shows it
+  float *row_sum;                   // [cap rows][SV_APPEARANCE_SUMS]
+  float *scratch;                   // [n_threads][SV_APPEARANCE_ROWS][cap_stride]
   int cap_stride;
 } sv_appearance;
 

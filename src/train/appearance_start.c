@@ -5,19 +5,17 @@
 
 #include "src/base/cholesky.h"
 #include "src/base/mathx.h"
-#include "src/train/step.h"
+#include "src/train/appearance_matrix.h"
 
-#define MAX_POINTS  4096
-#define MAX_VIEWS   64   // of those that are looked at
-#define N_ROUNDS    8    // of reweighted least squares
-#define DEPTH_SHARE 0.03 // of the depth: a point so near to what a view shows is what it shows
+#define N_ROUNDS    8 // of reweighted least squares
+#define CAP_CAMERAS (SV_CAP_APPEARANCE_UNKNOWNS / 3)
+#define N_TURNS     4 // of gains and falloff, and matrices
 #define MIN_POINTS  64
-#define DARK        16 // of 255; below, noise and black level count more than gains
-#define BRIGHT      245
-#define RIDGE       1e-3 // of the mean of the diagonal
-// Of exposures: more would pull all of them towards the first one's brightness, as few views of
-// many are its.
-#define EXPOSURE_RIDGE 1e-7
+// What is known of lenses before anything is seen: f1 and f2 are 0 +- 0.7 and 0 +- 0.3. In
+// observations, SV_APPEARANCE_ALIKE of which count as one, with logarithms that are 0.05 off.
+#define PRIOR_F1 0.2
+#define PRIOR_F2 1.0
+#define RIDGE    1e-7 // of the mean of the diagonal: what nothing tells stays 0
 // What lenses leave of the light towards the corners. Where views hardly overlap, or what they see
 // is badly placed, the falloff that fits best is none of a lens: then it is not estimated.
 #define LEAST_LIGHT 0.15
@@ -26,10 +24,8 @@
 // in the end. Small from the start, exposures that differ much would be taken for outliers.
 #define FIRST_SPREAD 2.0
 #define SPREAD       0.1
-
-typedef struct {
-  float log_value[3], r2; // r2 < 0: not seen
-} observation;
+#define MIXING       5.0 // standard deviations at which a term off the diagonal is no accident
+#define UNKNOWN      0.5 // a gain whose logarithm is that uncertain is not known
 
 // What one view tells of one point: unknowns i with factors h.
 typedef struct {
@@ -40,17 +36,19 @@ typedef struct {
 
 typedef struct {
   sv_trainer *t;
-  int n_points, n_views, stride, n; // of points one of so many Gaussians; n: unknowns of a channel
+  sv_appearance_points points;
+  int n; // unknowns of a channel
   int n_cameras, n_exposures;
-  int view[MAX_VIEWS];
-  observation *seen; // [n_points][n_views]
   double *a, *b, *x; // [n][n], [n], [n]
-  double spread;
+  double spread, sum_w, sum_we2;
   bool has_falloff;
+  bool is_mixed[CAP_CAMERAS];   // mixing was taken out of what the camera's views show:
+  double taken[CAP_CAMERAS][9]; // this
   // Of the point that is being added: the views that see it.
-  row rows[MAX_VIEWS];
-  double w[MAX_VIEWS], y[MAX_VIEWS];
+  row rows[SV_APPEARANCE_CAP_VIEWS];
+  double w[SV_APPEARANCE_CAP_VIEWS], y[SV_APPEARANCE_CAP_VIEWS];
   double solved[3][SV_CAP_APPEARANCE_UNKNOWNS];
+  sv_appearance_view views[SV_APPEARANCE_CAP_VIEWS];
 } problem;
 
 static int n_unknowns(const sv_appearance_cfg *c) { return 3 * c->n_cameras + c->n_exposures; }
@@ -63,75 +61,15 @@ static size_t system_bytes(int n) { return ((size_t)n * (size_t)n + 2 * (size_t)
 
 size_t sv_appearance_start_bytes(const sv_train_cfg *c) {
   if (!is_small(&c->appearance)) return 0;
-  const size_t points = (size_t)sv_mini(c->n_gaussians, MAX_POINTS),
-               views = (size_t)sv_mini(c->cap_views, MAX_VIEWS);
-  return points * views * sizeof(observation) + system_bytes(n_unknowns(&c->appearance)) + sizeof(problem) +
+  return sv_appearance_points_bytes(c) + system_bytes(n_unknowns(&c->appearance)) + sizeof(problem) +
          8 * SV_ARENA_ALIGN;
 }
 
-// --- what is seen
-// ----------------------------------------------------------------------------------
-
-static double linear_of(double v) { return v <= 0.04045 ? v / 12.92 : sv_pow((v + 0.055) / 1.055, 2.4); }
-
-// Logarithm of the light, mean over 3 x 3 pixels; false at the border, and where one is too dark or
-// saturated.
-static bool value_at(const sv_image_u8 *im, int x, int y, float out[3]) {
-  int sum[3] = {0};
-  if (im->n_channels < 3 || x < 1 || y < 1 || x + 1 >= im->width_px || y + 1 >= im->height_px) return false;
-  for (int j = y - 1; j <= y + 1; j++)
-    for (int i = x - 1; i <= x + 1; i++) {
-      const uint8_t *p = im->px + (size_t)j * (size_t)im->stride_bytes + (size_t)(i * im->n_channels);
-      if ((im->n_channels == 4 && p[3] < 255) || !sv_image_counts(im, 1, i, j)) return false;
-      for (int k = 0; k < 3; k++) {
-        if (p[k] < DARK || p[k] > BRIGHT) return false;
-        sum[k] += p[k];
-      }
-    }
-  for (int k = 0; k < 3; k++) out[k] = (float)sv_log(linear_of(sum[k] / (9.0 * 255.0)));
-  return true;
-}
-
-static observation observe(const problem *p, const sv_train_view *tv, const float *mean) {
-  const sv_view *v = &tv->view;
-  const sv_renderer *r = &p->t->render;
-  observation o = {.r2 = -1};
-  float x[3];
-  for (int i = 0; i < 3; i++)
-    x[i] = v->r[3 * i] * mean[0] + v->r[3 * i + 1] * mean[16] + v->r[3 * i + 2] * mean[32] + v->t[i];
-  float uv[2], z;
-  if (!sv_view_project(v, x, uv, &z)) return o;
-  const float u = uv[0], w = uv[1];
-  if (!(u >= 1 && w >= 1 && u < (float)v->width_px - 1 && w < (float)v->height_px - 1)) return o;
-  const size_t at = (size_t)w * (size_t)r->rgb.stride + (size_t)u;
-  const float alpha = 1 - r->trans[at], depth = alpha > 0.5f ? r->depth[at] / alpha : 0;
-  if (!(fabsf(depth - z) < (float)DEPTH_SHARE * z)) return o;
-  if (!value_at(&tv->image, (int)u, (int)w, o.log_value)) return o;
-  const float far_x = sv_maxf(v->cx, (float)v->width_px - v->cx),
-              far_y = sv_maxf(v->cy, (float)v->height_px - v->cy), dx = u - v->cx, dy = w - v->cy;
-  o.r2 = (dx * dx + dy * dy) / (far_x * far_x + far_y * far_y);
-  return o;
-}
-
-static sv_status look(problem *p) {
-  sv_trainer *t = p->t;
-  sv_render_options o = sv_train_render_options(t, 1.0f, true);
-  for (int k = 0; k < p->n_views; k++) {
-    const sv_train_view *tv = &t->views[p->view[k]];
-    sv_train_set_time(t, tv->view.time);
-    sv_status s = sv_render(&t->render, &t->g, &tv->view, &o);
-    if (s < 0) return s;
-    for (int i = 0; i < p->n_points; i++)
-      p->seen[i * p->n_views + k] = observe(p, tv, sv_gaussians_at(&t->g, i * p->stride, SV_ROW_MEAN));
-  }
-  return SV_OK;
-}
-
-// --- the system of one channel
-// ---------------------------------------------------------------------
+// --- the system of one channel -------------------------------------------------------------------
 
 static row row_of(const problem *p, int k, float r2) {
-  const int c = p->t->appearance.camera_of[p->view[k]], e = p->t->appearance.exposure_of[p->view[k]];
+  const int c = p->t->appearance.camera_of[p->points.view[k]],
+            e = p->t->appearance.exposure_of[p->points.view[k]];
   const double q = (double)r2;
   row r = {{c, p->n_cameras + c, 2 * p->n_cameras + c}, {1, q, q * q}, 3};
   if (e >= 0) {
@@ -150,11 +88,11 @@ static double model(const problem *p, const row *r) {
 
 // Adds a point, its own color eliminated: with weights w, sum w h h^T - (sum w h)(sum w h)^T / sum
 // w.
-static void add_point(problem *p, const observation *seen, int channel) {
+static void add_point(problem *p, const sv_appearance_seen *seen, int channel) {
   row *rows = p->rows;
   double *w = p->w, *y = p->y, sum_w = 0, mean_y = 0, residual = 0;
   int n = 0;
-  for (int k = 0; k < p->n_views; k++) {
+  for (int k = 0; k < p->points.n_views; k++) {
     if (seen[k].r2 < 0) continue;
     rows[n] = row_of(p, k, seen[k].r2);
     y[n] = (double)seen[k].log_value[channel];
@@ -166,6 +104,8 @@ static void add_point(problem *p, const observation *seen, int channel) {
   for (int k = 0; k < n; k++) { // Geman and McClure's weights
     const double e = (y[k] - model(p, &rows[k]) - residual) / p->spread;
     w[k] = 1 / ((1 + e * e) * (1 + e * e));
+    p->sum_w += w[k];
+    p->sum_we2 += w[k] * e * e * p->spread * p->spread;
     sum_w += w[k];
     mean_y += w[k] * y[k];
   }
@@ -182,31 +122,59 @@ static void add_point(problem *p, const observation *seen, int channel) {
     }
 }
 
+// Adds what is known beforehand, and fixes what the others are compared with.
+static void add_prior(problem *p, double mean) {
+  const double fixed = 1e6 * mean;
+  for (int i = 0; i < p->n; i++) p->a[i * (p->n + 1)] += RIDGE * mean;
+  for (int i = p->n_cameras; i < 3 * p->n_cameras; i++)
+    p->a[i * (p->n + 1)] += !p->has_falloff ? fixed : i < 2 * p->n_cameras ? PRIOR_F1 : PRIOR_F2;
+  p->a[0] += fixed; // camera 0 and exposure 0
+  if (p->n_exposures > 0) p->a[3 * p->n_cameras * (p->n + 1)] += fixed;
+}
+
+// Standard deviation of the sum of two unknowns (or of one: i = k), of the system solved last.
+static double sigma_of(problem *p, int i, int k) {
+  memset(p->b, 0, (size_t)p->n * sizeof *p->b);
+  p->b[i] = p->b[k] = 1;
+  sv_cholesky_solve(p->a, p->n, p->b);
+  const double sum = i == k ? p->b[i] : p->b[i] + p->b[k];
+  return sqrt(SV_APPEARANCE_ALIKE * p->sum_we2 / p->sum_w * sum);
+}
+
+// Logarithms' standard deviations are those of shares of the light.
+static void keep_sigma(problem *p, int channel) {
+  for (int c = 0; c < p->n_cameras; c++) {
+    sv_photometry *m = &p->t->appearance.measured[c];
+    m->color_sigma[channel] = c > 0 ? sigma_of(p, c, c) : 0;
+    const double corner =
+        p->has_falloff ? sigma_of(p, p->n_cameras + c, 2 * p->n_cameras + c) : SV_APPEARANCE_UNKNOWN;
+    m->falloff_sigma = channel > 0 ? sv_maxd(m->falloff_sigma, corner) : corner;
+  }
+}
+
 static bool solve_channel(problem *p, int channel) {
+  const sv_appearance_points *points = &p->points;
   memset(p->x, 0, (size_t)p->n * sizeof *p->x);
   for (int round = 0; round < N_ROUNDS; round++) {
     double mean = 0;
     p->spread = round > 0 ? (double)sv_maxf((float)(0.5 * p->spread), (float)SPREAD) : FIRST_SPREAD;
+    p->sum_w = p->sum_we2 = 0;
     memset(p->a, 0, (size_t)p->n * (size_t)p->n * sizeof *p->a);
     memset(p->b, 0, (size_t)p->n * sizeof *p->b);
-    for (int i = 0; i < p->n_points; i++) add_point(p, p->seen + i * p->n_views, channel);
-    for (int i = 0; i < p->n; i++) mean += p->a[i * p->n + i] / p->n;
+    for (int i = 0; i < points->n_points; i++) add_point(p, points->seen + i * points->n_views, channel);
+    for (int i = 0; i < p->n; i++) mean += p->a[i * (p->n + 1)] / p->n;
     if (!(mean > 0)) return false;
-    for (int i = 0; i < p->n; i++)
-      p->a[i * p->n + i] += (i < 3 * p->n_cameras ? RIDGE : EXPOSURE_RIDGE) * mean;
-    for (int i = p->n_cameras; i < 3 * p->n_cameras && !p->has_falloff; i++) p->a[i * p->n + i] += 1e6 * mean;
-    p->a[0] += 1e6 * mean; // camera 0 and exposure 0 are what the others are compared with
-    if (p->n_exposures > 0) p->a[3 * p->n_cameras * (p->n + 1)] += 1e6 * mean;
+    add_prior(p, mean);
     if (!sv_cholesky(p->a, p->n)) return false;
     memcpy(p->x, p->b, (size_t)p->n * sizeof *p->x);
     sv_cholesky_solve(p->a, p->n, p->x);
   }
   memcpy(p->solved[channel], p->x, (size_t)p->n * sizeof *p->x);
+  keep_sigma(p, channel);
   return true;
 }
 
-// --- from logarithms to groups
-// ---------------------------------------------------------------------
+// --- from logarithms to groups -------------------------------------------------------------------
 
 // k1, k2, k3 so that 1 + k1 q + k2 q^2 + k3 q^3 is exp(f1 q + f2 q^2) at q = 1/3, 2/3 and 1.
 static void falloff_of(double f1, double f2, double k[3]) {
@@ -250,34 +218,108 @@ static bool solve(problem *p, bool has_falloff) {
   return solve_channel(p, 0) && solve_channel(p, 1) && solve_channel(p, 2);
 }
 
+static void describe_views(problem *p) {
+  const sv_appearance *a = &p->t->appearance;
+  for (int k = 0; k < p->points.n_views; k++) {
+    const int i_view = p->points.view[k], e = a->exposure_of[i_view];
+    double f[2];
+    solved_falloff(p, a->camera_of[i_view], f);
+    p->views[k] = (sv_appearance_view){.i_camera = a->camera_of[i_view], .f1 = f[0], .f2 = f[1]};
+    for (int c = 0; c < 3 && e >= 0; c++) p->views[k].exposure[c] = p->solved[c][3 * p->n_cameras + e];
+  }
+}
+
+// Whether a camera mixes channels. Where nothing speaks for it, gains alone are more certain.
+static bool has_mixing(const sv_appearance_matrix *found) {
+  for (int i = 0; i < 9; i++)
+    if (i % 4 && fabs(found->m[i]) > MIXING * found->sigma[i]) return true;
+  return false;
+}
+
+// A camera's matrix from what its pictures show now, row-major, whose gains are g; false: none but
+// the gains.
+static bool find_matrix(problem *p, int c, const double g[3], double m[9]) {
+  sv_photometry *measured = &p->t->appearance.measured[c];
+  sv_appearance_matrix found;
+  memset(m, 0, 9 * sizeof *m);
+  for (int k = 0; k < 3; k++) m[4 * k] = g[k];
+  if (c == 0 || !sv_appearance_matrix_solve(&p->points, p->views, c, g, &found)) return false;
+  measured->mix_sigma = 0;
+  for (int i = 0; i < 9; i++)
+    if (i % 4) measured->mix_sigma = sv_maxd(measured->mix_sigma, found.sigma[i] / g[i / 3]);
+  if (!p->is_mixed[c] && !has_mixing(&found)) return false;
+  for (int k = 0; k < 3; k++)
+    measured->color_sigma[k] = sv_maxd(measured->color_sigma[k], found.sigma[4 * k] / g[k]);
+  memcpy(m, found.m, sizeof found.m);
+  return true;
+}
+
+// Takes a camera's mixing out of what its views show, as though it had the gains g alone: points
+// of all colors then tell the falloff. Notes what was taken out.
+static bool unmix(problem *p, int c, const double g[3], const double m[9]) {
+  sv_photometry now = {0};
+  double inverse[9], share[9];
+  memcpy(now.color, m, sizeof now.color);
+  if (!sv_photometry_inverse(&now, inverse)) return false;
+  for (int i = 0; i < 9; i++) share[i] = m[i] / g[i % 3];
+  sv_mul33(p->taken[c], p->taken[c], share);
+  for (int k = 0; k < p->points.n_views; k++) {
+    const sv_appearance_view *v = &p->views[k];
+    for (int i = 0; i < p->points.n_points && v->i_camera == c; i++) {
+      sv_appearance_seen *s = &p->points.seen[i * p->points.n_views + k];
+      double light[3], out[3];
+      if (s->r2 < 0) continue;
+      for (int j = 0; j < 3; j++) light[j] = sv_exp((double)s->log_value[j] - v->exposure[j]);
+      sv_apply33(out, inverse, light);
+      if (!(out[0] > 0 && out[1] > 0 && out[2] > 0)) s->r2 = -1;
+      for (int j = 0; j < 3 && s->r2 >= 0; j++)
+        s->log_value[j] = (float)(sv_log(g[j] * out[j]) + v->exposure[j]);
+    }
+  }
+  return true;
+}
+
+// Gains and falloff come from logarithms, which mixed channels distort; matrices come from what
+// gains and falloff leave. So they take turns while there is mixing. False: not solvable.
+static bool estimate(problem *p) {
+  bool is_again = true;
+  for (int c = 0; c < p->n_cameras; c++)
+    for (int i = 0; i < 9; i++) p->taken[c][i] = i % 4 == 0;
+  for (int turn = 0; turn < N_TURNS && is_again; turn++) {
+    is_again = false;
+    if (!solve(p, true) || (!is_of_lenses(p) && !solve(p, false))) return false;
+    describe_views(p);
+    for (int c = 0; c < p->n_cameras; c++) {
+      double g[3] = {1, 1, 1}, m[9];
+      for (int k = 0; k < 3 && c > 0; k++) g[k] = sv_exp(p->solved[k][c]);
+      const bool is_mixed = find_matrix(p, c, g, m);
+      sv_mul33(p->t->appearance.measured[c].color, p->taken[c], m);
+      if (is_mixed && turn < N_TURNS - 1 && unmix(p, c, g, m)) p->is_mixed[c] = is_again = true;
+    }
+  }
+  return true;
+}
+
+static void set_camera(problem *p, int c) {
+  sv_appearance_group *g = &p->t->appearance.camera[c];
+  sv_photometry *measured = &p->t->appearance.measured[c];
+  double f[2];
+  solved_falloff(p, c, f);
+  falloff_of(f[0], f[1], measured->falloff);
+  measured->falloff_sigma *= sv_exp(f[0] + f[1]);
+  measured->is_known = true;
+  for (int k = 0; k < 3; k++) measured->is_known &= measured->color_sigma[k] < UNKNOWN;
+  memcpy(g->p, measured->color, sizeof measured->color);
+  memcpy(g->p + 12, measured->falloff, sizeof measured->falloff);
+}
+
 static void set_groups(problem *p) {
   sv_appearance *a = &p->t->appearance;
-  for (int c = 0; c < p->n_cameras; c++) {
-    double f[2];
-    for (int k = 0; k < 3; k++) a->camera[c].p[4 * k] = c > 0 ? sv_exp(p->solved[k][c]) : 1;
-    solved_falloff(p, c, f);
-    falloff_of(f[0], f[1], a->camera[c].p + 12);
-  }
+  for (int c = 0; c < p->n_cameras; c++) set_camera(p, c);
   for (int e = 1; e < p->n_exposures; e++)
     for (int k = 0; k < 3; k++) a->exposure[e].p[4 * k] = sv_exp(p->solved[k][3 * p->n_cameras + e]);
   keep_start(a->camera, p->n_cameras);
   keep_start(a->exposure, p->n_exposures);
-}
-
-static int count_points(const problem *p) {
-  int n = 0;
-  for (int i = 0; i < p->n_points; i++) {
-    int n_seen = 0;
-    for (int k = 0; k < p->n_views; k++) n_seen += p->seen[i * p->n_views + k].r2 >= 0;
-    n += n_seen > 1;
-  }
-  return n;
-}
-
-static void choose_views(problem *p) {
-  const int n = p->t->n_views;
-  p->n_views = sv_mini(n, MAX_VIEWS);
-  for (int i = 0; i < p->n_views; i++) p->view[i] = (int)((long)i * n / p->n_views);
 }
 
 sv_status sv_appearance_start(sv_trainer *t, sv_arena *scratch, int *n_points) {
@@ -289,17 +331,12 @@ sv_status sv_appearance_start(sv_trainer *t, sv_arena *scratch, int *n_points) {
   sv_status s = scratch->status;
   if (s >= 0) {
     *p = (problem){.t = t, .n_cameras = c->n_cameras, .n_exposures = c->n_exposures, .n = n_unknowns(c)};
-    choose_views(p);
-    p->stride = (t->g.n + MAX_POINTS - 1) / MAX_POINTS;
-    p->n_points = t->g.n / p->stride;
-    p->seen = SV_TAKE(scratch, observation, (size_t)p->n_points * (size_t)p->n_views);
     p->a = SV_TAKE(scratch, double, (size_t)p->n *(size_t)p->n);
     p->b = SV_TAKE(scratch, double, p->n);
     p->x = SV_TAKE(scratch, double, p->n);
-    if ((s = scratch->status) >= 0) s = look(p);
+    if ((s = scratch->status) >= 0) s = sv_appearance_points_find(&p->points, t, scratch);
   }
-  if (s >= 0 && (*n_points = count_points(p)) >= MIN_POINTS)
-    if (solve(p, true) && (is_of_lenses(p) || solve(p, false))) set_groups(p);
+  if (s >= 0 && (*n_points = p->points.n_shared) >= MIN_POINTS && estimate(p)) set_groups(p);
   sv_arena_reset(scratch, mark);
   return s;
 }

@@ -15,8 +15,9 @@ extern "C" {
 size_t sv_appearance_start_bytes(const sv_train_cfg *cfg); // scratch; 0 without appearance
 // For a trainer whose Gaussians stand on the surface, with its views added. Solves
 //   log light(point, view) = color(point) + camera + exposure + f1 r^2 + f2 r^4
-// for each channel, robustly, over points that several views see, and sets the groups. Does nothing
-// without appearance, with too many groups or with too few such points. *n_points: those used.
+// for each channel, robustly, over points that several views see; then the cameras' color matrices
+// (appearance_matrix.h). Sets the groups and what was measured. Does nothing without appearance,
+// with too many groups or with too few such points. *n_points: those used.
 // Errors: of rendering.
 sv_status sv_appearance_start(sv_trainer *t, sv_arena *scratch, int *n_points) SV_MUST_USE;
 

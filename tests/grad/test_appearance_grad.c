@@ -254,41 +254,43 @@ static double display_of(double light) {
   return light <= 0.0031308 ? 12.92 * light : 1.055 * pow(light, 1 / 2.4) - 0.055;
 }
 
-// A textured plane through the origin, seen by four views; Gaussians on it. What the cameras do to
-// its light is found.
-TEST(test_start) {
-  static const double gain[2][3] = {{1, 1, 1}, {1.3, 0.9, 0.7}}, drift[2] = {1, 0.8},
-                      falloff[2] = {-0.3, -0.2};
+static const double drift[2] = {1, 0.8}, falloff[2] = {-0.3, -0.2};
+
+// Light that pixel p of view v shows of a textured plane, x = 0: even views are camera 0's, odd
+// ones have the color matrix m; the last two have less exposure.
+static void plane_light(int v, int p, const double m[9], double out[3]) {
+  const sv_view *view = &t.views[v].view;
+  const double du = (p % W) + 0.5 - (double)view->cx, dv = (p / W) + 0.5 - (double)view->cy;
+  const double far_x = fmax((double)view->cx, W - (double)view->cx),
+               far_y = fmax((double)view->cy, H - (double)view->cy);
+  const double d[3] = {du / (double)view->fx, dv / (double)view->fy, 1};
+  double o[3] = {0}, dir[3] = {0}, light[3];
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++) {
+      o[i] -= (double)view->r[3 * j + i] * (double)view->t[j];
+      dir[i] += (double)view->r[3 * j + i] * d[j];
+    }
+  const double s = -o[0] / dir[0], yw = o[1] + s * dir[1], zw = o[2] + s * dir[2];
+  for (int c = 0; c < 3; c++) light[c] = 0.35 + 0.1 * sin(3 * yw + c) * cos(2 * zw);
+  for (int c = 0; c < 3; c++) {
+    const double mixed = m[3 * c] * light[0] + m[3 * c + 1] * light[1] + m[3 * c + 2] * light[2];
+    out[c] = (v % 2 ? mixed : light[c]) * drift[v / 2] *
+             (1 + falloff[v % 2] * (du * du + dv * dv) / (far_x * far_x + far_y * far_y));
+  }
+}
+
+// The plane seen by four views; Gaussians on it. What the cameras do to its light is found.
+static void start_on_plane(const double m[9]) {
   static uint8_t memory[8 << 20] __attribute__((aligned(64)));
   sv_arena scratch = sv_arena_make(memory, sizeof memory);
   int n_points;
   open_trainer(4, 2, 3600);
-  for (int v = 0; v < 4; v++) {
-    const sv_view *view = &t.views[v].view;
-    const double far_x = fmax((double)view->cx, W - (double)view->cx),
-                 far_y = fmax((double)view->cy, H - (double)view->cy);
-    for (int p = 0; p < N_PX; p++) { // the ray meets the plane x = 0
-      const double d[3] = {((p % W) + 0.5 - (double)view->cx) / (double)view->fx,
-                           ((p / W) + 0.5 - (double)view->cy) / (double)view->fy, 1};
-      double o[3], dir[3];
-      for (int i = 0; i < 3; i++) {
-        o[i] = dir[i] = 0;
-        for (int j = 0; j < 3; j++) {
-          o[i] -= (double)view->r[3 * j + i] * (double)view->t[j];
-          dir[i] += (double)view->r[3 * j + i] * d[j];
-        }
-      }
-      const double s = -o[0] / dir[0], yw = o[1] + s * dir[1], zw = o[2] + s * dir[2];
-      const double r2 =
-          (pow((p % W) + 0.5 - (double)view->cx, 2) + pow((p / W) + 0.5 - (double)view->cy, 2)) /
-          (far_x * far_x + far_y * far_y);
-      for (int c = 0; c < 3; c++) {
-        const double light = (0.35 + 0.1 * sin(3 * yw + c) * cos(2 * zw)) * gain[v % 2][c] * drift[v / 2] *
-                             (1 + falloff[v % 2] * r2);
-        pictures[v][3 * p + c] = (uint8_t)(255 * display_of(light) + 0.5);
-      }
+  for (int v = 0; v < 4; v++)
+    for (int p = 0; p < N_PX; p++) {
+      double light[3];
+      plane_light(v, p, m, light);
+      for (int c = 0; c < 3; c++) pictures[v][3 * p + c] = (uint8_t)(255 * display_of(light[c]) + 0.5);
     }
-  }
   for (int i = 0; i < 3600; i++) {
     const sv_gaussian g = {.mean = {0, (float)(i % 60) / 30 - 1, (float)(i / 60) / 30 - 1},
                            .quat_wxyz = {1},
@@ -300,10 +302,7 @@ TEST(test_start) {
   assert_int_equal(sv_appearance_start(&t, &scratch, &n_points), SV_OK);
   print_message("%d points\n", n_points);
   assert_true(n_points > 300);
-  for (int c = 0; c < 3; c++) {
-    assert_near(t.appearance.camera[1].p[4 * c], gain[1][c], 0.02);
-    assert_near(t.appearance.exposure[1].p[4 * c], drift[1], 0.02);
-  }
+  for (int c = 0; c < 3; c++) assert_near(t.appearance.exposure[1].p[4 * c], drift[1], 0.02);
   for (int i = 0; i < 2; i++) {
     const double *f = t.appearance.camera[i].p + 12;
     assert_near(f[0] + f[1] + f[2], falloff[i], 0.03);
@@ -311,9 +310,30 @@ TEST(test_start) {
   }
 }
 
+TEST(test_start) {
+  static const double gains[9] = {1.3, 0, 0, 0, 0.9, 0, 0, 0, 0.7};
+  start_on_plane(gains);
+  const sv_photometry *found = &t.appearance.measured[1];
+  assert_true(found->is_known);
+  for (int i = 0; i < 9; i++) { // no mixing is found where there is none
+    assert_near(t.appearance.camera[1].p[i], gains[i], i % 4 ? 0 : 0.01);
+    assert_near(found->color[i], t.appearance.camera[1].p[i], 0);
+  }
+  for (int c = 0; c < 3; c++) assert_true(found->color_sigma[c] > 0 && found->color_sigma[c] < 0.02);
+  assert_true(found->falloff_sigma > 0 && found->falloff_sigma < 0.05);
+  assert_true(found->mix_sigma > 0 && found->mix_sigma < 0.05);
+}
+
+TEST(test_start_mixed) {
+  static const double mixed[9] = {1.1, 0.2, 0.1, 0.05, 0.8, 0.1, -0.1, 0.15, 0.7};
+  start_on_plane(mixed);
+  for (int i = 0; i < 9; i++) assert_near(t.appearance.camera[1].p[i], mixed[i], 0.02);
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_gradients), cmocka_unit_test(test_saturated),
-                                     cmocka_unit_test(test_deep),      cmocka_unit_test(test_deep_saturated),
-                                     cmocka_unit_test(test_reference), cmocka_unit_test(test_start)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_gradients),  cmocka_unit_test(test_saturated),
+                                     cmocka_unit_test(test_deep),       cmocka_unit_test(test_deep_saturated),
+                                     cmocka_unit_test(test_reference),  cmocka_unit_test(test_start),
+                                     cmocka_unit_test(test_start_mixed)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
