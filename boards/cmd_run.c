@@ -123,7 +123,8 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .save_every_s = o->save_every,
                   .picture_every_s = o->picture_every,
                   .board_name = BOARD_NAME,
-                  .has_preview = o->preview || o->has_feed,
+                  .has_preview = o->preview || o->has_feed || o->display,
+                  .has_screen = o->display != NULL,
                   .is_session = o->is_session,
                   .starts_at_once = o->is_interrupted};
   // Its pixels show several sub-views, so none can be held out: the steps end the run.
@@ -335,6 +336,7 @@ static sv_status set_up(const run_options *o, sv_arena *arena, const char **what
     run.background.cpu = o->i_capture_cpu;
   }
   preview_publish(&port.publish);
+  port.display = preview_display();
   outputs_port(&run.out, &port);
   *what = "memory";
   return sv_app_init(&run.app, &cfg, &run.k, &port, arena, err);

@@ -11,6 +11,7 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
+#include "platform/drm/drm.h"
 #include "src/format/qr.h"
 #include "src/run/isa.h"
 
@@ -22,6 +23,8 @@
 
 static sv_linux_preview live;
 static bool is_open;
+static sv_drm screen = {.fd = -1};
+static char screen_link[SV_QR_CAP_TEXT]; // a phone can reach it; or empty
 static sv_ns opened_ns;
 
 static bool is_any(const char *addr) { return !strcmp(addr, "0.0.0.0") || !strcmp(addr, "::"); }
@@ -59,6 +62,7 @@ static void print_link(const run_options *o, const char *addr, bool is_first) {
          addr, o->preview_port);
   sv_fmt(link, sizeof link, "%s#%s", where, live.token);
   if (o->console && is_first) print_on_console(o, link);
+  if (has_code) sv_copy(screen_link, sizeof screen_link, link);
   if (isatty(2)) {
     say(2, "page: %s\n", link);
     if (has_code) print_code(2, link);
@@ -143,8 +147,23 @@ static void name_scans(const run_options *o) {
     live.scans[0] = 0;
 }
 
+static sv_status open_screen(const run_options *o, sv_err *err) {
+  const sv_drm_sys sys = sv_drm_linux();
+  const sv_status s = sv_drm_open(&screen, o->display, &sys, err);
+  if (s >= 0 || !o->is_session) return s;
+  say(2, "subview: %s; the page has the pictures\n", err->text);
+  return SV_OK;
+}
+
+sv_display preview_display(void) {
+  if (screen.fd < 0) return (sv_display){0};
+  sv_display d = sv_drm_display(&screen);
+  d.link = screen_link[0] ? screen_link : NULL;
+  return d;
+}
+
 sv_status preview_open(const run_options *o, sv_err *err) {
-  if (!o->preview && !o->has_feed) return SV_OK;
+  if (!o->preview && !o->has_feed && !o->display) return SV_OK;
   const sv_app_cfg planned = {.n_exposures = (int)o->exposures,
                               .is_dynamic = o->is_dynamic,
                               .is_continuous = o->is_continuous,
@@ -165,6 +184,7 @@ sv_status preview_open(const run_options *o, sv_err *err) {
   if (s >= 0 && o->preview) s = sv_linux_preview_serve(&live, NULL, o->preview_addr, o->preview_port, err);
   if (s >= 0 && has_token_file && is_new) s = write_token(o->token_file, err);
   if (s >= 0 && o->preview) print_links(o);
+  if (s >= 0 && o->display) s = open_screen(o, err);
   if (s >= 0 && o->has_feed && !o->preview)
     say(2, "feed: subview-preview --attach %ld serves it\n", (long)getpid());
   return s;
@@ -183,6 +203,8 @@ preview_answer preview_failed(const run_options *o, const preview_failure *why, 
   sv_clock clock = sv_linux_clock();
   preview_publish(&p);
   sv_preview_show_failure(p.feed, why->cause, BOARD_NAME, o->source, o->is_session, why->sentence);
+  const sv_display display = preview_display();
+  sv_screen_message(&display, why->sentence);
   const bool is_retrying = o->keep > 0 && why->cause == SV_CAUSE_CAMERA;
   const sv_ns now_ns = clock.now_ns(clock.self);
   const sv_ns retry_ns = now_ns + (now_ns - opened_ns < FIRST_NS ? RETRY_FIRST_NS : RETRY_NS);
@@ -202,6 +224,7 @@ preview_calibration preview_board(void) {
 }
 
 void preview_close(void) {
+  sv_drm_close(&screen);
   if (is_open) sv_linux_preview_close(&live);
   is_open = false;
 }
@@ -241,6 +264,9 @@ void check_list(const run_options *o, const board_source *src, const sv_arena *a
   if (o->out && statvfs(o->out, &fs) == 0)
     say(2, "[ok] folder %s: writable, %.1f GiB free\n", o->out,
         (double)fs.f_bavail * (double)fs.f_frsize / 1073741824.0);
+  if (screen.fd >= 0)
+    say(2, "[ok] display: %s, %dx%d at %.4g Hz\n", screen.name, screen.width_px, screen.height_px,
+        screen.rate_hz);
   if (o->preview) say(2, "[ok] page: served on %s port %d\n", o->preview_addr, o->preview_port);
   if (o->is_check) say(2, "ready: nothing speaks against a scan with these options\n");
 }

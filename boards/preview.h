@@ -8,11 +8,14 @@
 #include "boards/run_options.h"
 #include "platform/linux/preview.h"
 
-// Makes the feed and starts the server as the options say, and prints the link on stderr. Nothing
-// without --preview and --feed.
+// Makes the feed, opens the screen and starts the server as the options say, and prints the link on
+// stderr. Nothing without --preview, --feed and --display. A screen that is missing costs a session
+// its picture, and any other run is refused.
 sv_status preview_open(const run_options *o, sv_err *err) SV_MUST_USE;
 void preview_publish(sv_publish *p); // fills in the live part; nothing when it is not open
-sv_beat_of *preview_beats(void);     // where the page looks for heartbeats; NULL: it is not open
+// The screen of --display, with the page's link; begin is NULL when there is none.
+sv_display preview_display(void);
+sv_beat_of *preview_beats(void); // where the page looks for heartbeats; NULL: it is not open
 typedef struct {
   sv_feed_cause cause;
   const char *sentence;

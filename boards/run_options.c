@@ -129,6 +129,10 @@ static const sv_option rows[] = {
     {"console", SV_OPT_TEXT, 1, 0, AT(console), "TTY",
      "show the page's link and its QR code on this terminal, too: /dev/tty1 is that of an attached display",
      0, 0, NULL},
+    {"display", SV_OPT_TEXT, 1, 0, AT(display), "SCREEN",
+     "show cameras and model on an attached screen (HDMI, DSI) without a desktop: auto, or "
+     "CARD[:CONNECTOR] such as card1:HDMI-A-1",
+     0, 0, NULL},
     {"config", SV_OPT_TEXT, 1, 0, AT(config), "FILE",
      "options from a file, name=value a line; the command line wins", 0, 0, NULL},
     {"rescue", SV_OPT_TEXT, 1, 0, AT(rescue), "DIR",

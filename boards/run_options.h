@@ -9,7 +9,7 @@
 typedef struct {
   options_common common;
   const char *source, *rig, *scene, *out, *rescue, *sub_views, *sync, *preview, *token_file, *console, *tls,
-      *config, *capture_cpu;
+      *display, *config, *capture_cpu;
   long exposures, steps, gaussians, sh, threads, seed, skew_ms, orbit, keep;
   double time_limit, save_every, picture_every;
   double exposure_s;

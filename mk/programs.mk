@@ -42,7 +42,7 @@ $(MODULES): $(MODULE_OBJ)
 # What this build has of the optional libraries: a line that is printed when it changes.
 LIBCAMERA_VERSION := $(if $(HAVE_libcamera),$(shell sed -n 's/.*VERSION_\(MAJOR\|MINOR\|PATCH\)[^0-9]*\([0-9]*\)$$/\2/p' \
   $(INC_DIR)/libcamera/libcamera/version.h | paste -sd .))
-FEATURE_LIST := libcamera page mrcal opencv dnn mrgingham opengv zstd
+FEATURE_LIST := libcamera page display mrcal opencv dnn mrgingham opengv zstd
 with_feature = $(if $(HAVE_$(1)),$(1)$(if $(filter libcamera,$(1)), $(LIBCAMERA_VERSION)))
 WITHOUT  := $(strip $(foreach f,$(FEATURE_LIST),$(if $(HAVE_$(f)),,$(f))))
 FEATURES := $(O), $(SUITE): with $(strip $(foreach f,$(FEATURE_LIST),$(call with_feature,$(f)))); without $(or $(WITHOUT),nothing)

@@ -24,6 +24,7 @@ HAVE_dnn       := $(call have_cxx,opencv4/opencv2/dnn.hpp opencv4/opencv2/imgpro
 HAVE_mrgingham := $(call have_cxx,mrgingham/mrgingham.hh opencv4/opencv2/core.hpp)
 HAVE_opengv    := $(call have_cxx,opengv/types.hpp eigen3/Eigen/Core)
 HAVE_page      := $(call have,microhttpd.h seccomp.h)
+HAVE_display   := $(if $(wildcard $(INC_DIR)/libdrm/drm_mode.h),1)
 HAVE_zstd      := $(if $(wildcard $(INC_DIR)/zstd.h),1)
 
 PLAT_SRC := $(VIEWER_SRC) $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c))

@@ -58,7 +58,9 @@ $(PROGS_kernels): $(call obj,$(filter tests/kernels/%,$(TEST_SRC))) $(PROBE_OBJ)
 include mk/fuzz.mk
 
 # The source suite and fault injection on cameras that are present; the virtual board runs them.
-PROGS_conform := $(O)/tests/source-check $(O)/tests/source-faults
+PROGS_conform := $(O)/tests/source-check $(O)/tests/source-faults $(if $(HAVE_display),$(O)/tests/display-check)
+$(O)/tests/display-check: $(call obj,tests/conform/display_check.c) $(TEST_ARCHIVES)
+	$(call link,-lcmocka)
 $(O)/tests/source-check: $(call obj,tests/conform/source_check.c) $(TEST_ARCHIVES)
 	$(call link)
 $(O)/tests/source-faults: $(call obj,tests/conform/source_faults.c tests/conform/inject.c) $(TEST_ARCHIVES)

@@ -17,7 +17,7 @@ BOARD_ISAS        := neon
 # What runs the board's programs on the building machine; -L and the sysroot are added.
 BOARD_RUN         := qemu-aarch64-static -cpu cortex-a76
 # Folders of platform/ to link.
-BOARD_PLATFORMS   := linux sim replay codec camera v4l2 libcamera
+BOARD_PLATFORMS   := linux sim replay codec camera v4l2 drm libcamera
 # More libraries for the linker, when a platform of the list wants one.
 BOARD_LIBS        :=
 # no: `subview` goes without its command `bench` (tools/bench), which `subview-lab` has, too.

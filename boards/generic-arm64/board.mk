@@ -6,4 +6,4 @@ BOARD_CROSS       := aarch64-linux-gnu-
 BOARD_CFLAGS      := -march=armv8-a
 BOARD_ISAS        := neon
 BOARD_RUN         := qemu-aarch64-static
-BOARD_PLATFORMS   := linux sim replay codec camera v4l2 libcamera
+BOARD_PLATFORMS   := linux sim replay codec camera v4l2 drm libcamera

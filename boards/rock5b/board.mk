@@ -6,4 +6,4 @@ BOARD_CROSS       := aarch64-linux-gnu-
 BOARD_CFLAGS      := -mcpu=cortex-a76.cortex-a55
 BOARD_ISAS        := neon
 BOARD_RUN         := qemu-aarch64-static -cpu cortex-a76
-BOARD_PLATFORMS   := linux sim replay codec camera v4l2 libcamera
+BOARD_PLATFORMS   := linux sim replay codec camera v4l2 drm libcamera

@@ -6,4 +6,4 @@ BOARD_CROSS     :=
 BOARD_CFLAGS    :=
 BOARD_ISAS      := sse41 avx2 avx512
 BOARD_RUN       :=
-BOARD_PLATFORMS := linux sim replay codec camera v4l2 libcamera
+BOARD_PLATFORMS := linux sim replay codec camera v4l2 drm libcamera

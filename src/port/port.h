@@ -265,6 +265,27 @@ typedef struct {
   sv_command (*command)(void *self); // the next command or NONE; may be NULL
 } sv_publish;
 
+// --- display -------------------------------------------------------------------------------------
+// A screen of the machine. Pixels have 32 bits: blue, green, red, and one unused byte.
+typedef struct {
+  uint8_t *px; // [height_px][stride_bytes], to be written whole; slow to read
+  size_t stride_bytes;
+  int width_px, height_px;
+} sv_display_frame;
+
+typedef struct {
+  void *self;
+  // The frame to draw. False: not now, as the screen has not shown the last one yet. Never waits.
+  bool (*begin)(void *self, sv_display_frame *frame); // NULL: there is no screen
+  // A line of text in that frame, white, SV_DISPLAY_LINE_PX scale pixels high, cut at its edges.
+  // Never reads pixels.
+  void (*text)(void *self, int x_px, int y_px, int scale, const char *line);
+  void (*commit)(void *self); // shows the frame from the screen's next refresh on
+  const char *link;           // to the page, shown as a QR code before Start; NULL: none
+} sv_display;
+#define SV_DISPLAY_LINE_PX 12
+#define SV_DISPLAY_CHAR_PX 8 // the widest character, with its gap
+
 // --- watch ---------------------------------------------------------------------------------------
 typedef struct {
   double temperature_c; // of the processor; NaN: unknown
@@ -290,6 +311,7 @@ typedef struct {
   const char *rescue_dir; // where that is, for messages; valid once a file is saved there
   sv_console console;
   sv_publish publish; // image may be NULL
+  sv_display display; // begin may be NULL
   sv_decoder decoder; // of cameras that deliver compressed pictures; decode may be NULL
   sv_thermometer thermometer;
   struct sv_heartbeats *heartbeats; // src/port/heartbeat.h; NULL: nobody watches

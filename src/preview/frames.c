@@ -41,7 +41,8 @@ static void publish_tile(sv_preview *l, int i, int w, int h, double now) {
   l->tiles->tile[i].width_px = w;
   l->tiles->tile[i].height_px = h;
   l->cameras[i].n_tiles = ++l->tiles->tile[i].n;
-  if (now < l->next_tiles_s) return; // the tile goes with the next one
+  // A camera's first tile is shown at once; later ones go with the next one.
+  if (now < l->next_tiles_s && l->tiles->tile[i].n > 1) return;
   l->next_tiles_s = now + TILES_PERIOD_S;
   size_t bytes = offsetof(sv_feed_tiles, rgb) + (size_t)l->tiles->n * sizeof l->tiles->rgb[0];
   memcpy(sv_feed_begin(l->feed, SV_FEED_TILES), l->tiles, bytes);

@@ -14,7 +14,7 @@ void sv_pictures_up(const sv_trainer *t, float up[3]) {
   for (int k = 0; k < 3; k++) up[k] = n > 1e-3f ? sum[k] / n : k == 1 ? -1.0f : 0.0f;
 }
 
-static sv_view orbit_view(const sv_trainer *t, int i, int n) {
+sv_view sv_pictures_turned(const sv_trainer *t, double turn_rad) {
   const sv_view *first = sv_driver_view(t, 0);
   float eye_f[3], up_f[3];
   double up[3], arm[3], centre[3], turn[9], axis[3], eye[3];
@@ -24,7 +24,7 @@ static sv_view orbit_view(const sv_trainer *t, int i, int n) {
     up[k] = (double)up_f[k];
     centre[k] = (double)t->centre[k];
     arm[k] = (double)eye_f[k] - centre[k];
-    axis[k] = up[k] * 2 * SV_PI * i / n;
+    axis[k] = up[k] * turn_rad;
   }
   sv_rodrigues(turn, axis);
   sv_apply33(arm, turn, arm);
@@ -45,14 +45,12 @@ sv_status sv_pictures_orbit(const sv_pictures *o, int n) {
   const sv_planes *rgb = &t->render.rgb;
   for (int i = 0; i < n; i++) {
     char name[32];
-    sv_view v = orbit_view(t, i, n);
+    sv_view v = sv_pictures_turned(t, 2 * SV_PI * i / n);
     sv_status s = sv_render(&t->render, &t->g, &v, &options);
     if (s < 0) return s;
     for (int y = 0; y < v.height_px; y++)
       for (int x = 0; x < v.width_px; x++)
-        for (int k = 0; k < 3; k++)
-          o->rgb[3 * ((size_t)y * (size_t)v.width_px + (size_t)x) + (size_t)k] =
-              (uint8_t)(sv_clampf(rgb->c[k][(long)y * rgb->stride + x], 0.0f, 1.0f) * 255.0f + 0.5f);
+        sv_pictures_pixel(o->rgb + 3 * ((size_t)y * (size_t)v.width_px + (size_t)x), rgb, x, y);
     sv_fmt(name, sizeof name, "orbit_%d%d%d", i / 100 % 10, i / 10 % 10, i % 10);
     p->image(p->self, name, v.width_px, v.height_px, o->rgb);
   }

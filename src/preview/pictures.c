@@ -11,7 +11,7 @@
 
 static uint8_t to_u8(float x) { return (uint8_t)(sv_clampf(x, 0.0f, 1.0f) * 255.0f + 0.5f); }
 
-static void put_pixel(uint8_t *out, const sv_planes *p, int x, int y) {
+void sv_pictures_pixel(uint8_t out[3], const sv_planes *p, int x, int y) {
   for (int k = 0; k < 3; k++) out[k] = to_u8(p->c[k][(long)y * p->stride + x]);
 }
 
@@ -57,7 +57,7 @@ static sv_status show_view(const sv_pictures *o, const sv_train_view *tv) {
   for (int y = 0; y < h; y++) {
     uint8_t *left = o->rgb + (size_t)y * (size_t)w * 6, *right = left + (size_t)w * 3;
     memcpy(left, tv->image.px + (size_t)y * (size_t)tv->image.stride_bytes, (size_t)w * 3);
-    for (int x = 0; x < w; x++) put_pixel(right + 3 * x, measured, x, y);
+    for (int x = 0; x < w; x++) sv_pictures_pixel(right + 3 * x, measured, x, y);
   }
   p->image(p->self, "preview", 2 * w, h, o->rgb);
   return SV_OK;
@@ -88,7 +88,7 @@ static sv_status put_predicted(const sv_pictures *o, const panel *p, const sv_mu
       if (s < 0) return s;
       for (int y = (y0 + p->step - 1) / p->step; y * p->step < r.y1; y++)
         for (int x = (x0 + p->step - 1) / p->step; x * p->step < r.x1; x++)
-          put_pixel(at(o, p, 1, x, y), predicted, x * p->step - x0, y * p->step - y0);
+          sv_pictures_pixel(at(o, p, 1, x, y), predicted, x * p->step - x0, y * p->step - y0);
     }
   return SV_OK;
 }
@@ -109,7 +109,7 @@ static sv_status put_lens(const sv_pictures *o, const panel *p, const sv_multipl
   for (int y = 0; y < p->height_px; y++)
     for (int x = 0; x < p->width_px; x++) {
       bool is_in = x >= left && x < left + w && y >= top && y < top + h;
-      if (is_in) put_pixel(at(o, p, 2, x, y), rgb, (x - left) * step / zoom, (y - top) * step / zoom);
+      if (is_in) sv_pictures_pixel(at(o, p, 2, x, y), rgb, (x - left) * step / zoom, (y - top) * step / zoom);
       else memset(at(o, p, 2, x, y), 0, 3);
     }
   return SV_OK;
@@ -165,7 +165,7 @@ static sv_status pair_of_view(sv_trainer *t, const sv_train_view *tv, sv_picture
     const uint8_t *in = tv->image.px + (size_t)y * (size_t)tv->image.stride_bytes;
     for (int x = 0; x < w; x++) {
       uint8_t got[3], *left = pair_at(p, step, x, y);
-      put_pixel(got, rendered, x, y);
+      sv_pictures_pixel(got, rendered, x, y);
       for (int k = 0; k < 3 && sv_image_counts(&tv->image, 1, x, y); k++) {
         double d = (double)got[k] - (double)in[n_ch * x + k];
         sum += d * d;
@@ -188,7 +188,7 @@ static double pair_region(const sv_train_measurement *tc, const sv_region *r, co
     for (int x = r->x0; x < r->x1; x++) {
       const uint16_t *px = tc->px + 3 * ((size_t)y * (size_t)tc->model.width_px + (size_t)x);
       uint8_t got[3], *left = pair_at(p, step, x, y);
-      put_pixel(got, predicted, x - r->x0, y - r->y0);
+      sv_pictures_pixel(got, predicted, x - r->x0, y - r->y0);
       for (int k = 0; k < 3; k++) {
         double d = (double)got[k] / 255.0 - (double)px[k] / 65535.0;
         sum += d * d;

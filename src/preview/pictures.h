@@ -43,6 +43,11 @@ sv_status sv_pictures_pair(sv_trainer *t, uint32_t i, sv_picture_pair *pair) SV_
 // N renderings around the scene's center at the height of the first view, published as "orbit_000",
 // ...
 sv_status sv_pictures_orbit(const sv_pictures *p, int n) SV_MUST_USE;
+// The first view, turned around the scene's center and the world's up. The view itself where there
+// is no way round.
+sv_view sv_pictures_turned(const sv_trainer *t, double turn_rad);
+// Display values of a rendering's pixel.
+void sv_pictures_pixel(uint8_t out[3], const sv_planes *p, int x, int y);
 // Up in the world: the mean of the images' up (-y when there are none).
 void sv_pictures_up(const sv_trainer *t, float up[3]);
 

@@ -14,20 +14,22 @@
 #define MODEL_SHARE    0.03 // of the time at most goes into snapshots of the model
 #define POINT_PERIOD_S 0.5
 #define POLL_NS        (20 * SV_NS_PER_MS)
+#define SCREEN_SHARE   0.2 // of the time at most goes into the screen, unless the model is trained
 
 static double machine_s(const sv_preview *l) {
   const sv_clock *c = &l->cfg.port->machine;
   return sv_ns_to_s(c->now_ns(c->self));
 }
 
-void sv_preview_carve(sv_preview *l, bool is_on, int n_cameras, sv_arena *a) {
-  if (!is_on) return;
+void sv_preview_carve(sv_preview *l, const sv_preview_parts *parts, sv_arena *a) {
+  if (!parts->is_on) return;
   sv_arena_part_begin(a, "live view");
-  l->cameras = SV_TAKE(a, sv_preview_camera, n_cameras);
+  l->cameras = SV_TAKE(a, sv_preview_camera, parts->n_cameras);
   l->tiles = SV_TAKE(a, sv_feed_tiles, 1);
   l->curve = SV_TAKE(a, sv_feed_curve, 1);
   l->events = SV_TAKE(a, sv_feed_events, 1);
   l->counts = SV_TAKE(a, sv_preview_counts, 2);
+  if (parts->has_screen) sv_screen_carve(&l->screen, a);
 }
 
 void sv_preview_init(sv_preview *l, const sv_preview_cfg *cfg) { l->cfg = *cfg; }
@@ -53,6 +55,7 @@ void sv_preview_start(sv_preview *l) {
   sv_feed_commit(l->feed, SV_FEED_MODEL, sizeof(sv_feed_model));
   memset(sv_feed_begin(l->feed, SV_FEED_PICTURE), 0, sizeof(sv_feed_picture));
   sv_feed_commit(l->feed, SV_FEED_PICTURE, sizeof(sv_feed_picture));
+  sv_screen_start(&l->screen, l->feed, &l->cfg.port->display);
 }
 
 // --- state ---------------------------------------------------------------------------------------
@@ -160,10 +163,59 @@ static void publish_state(sv_preview *l, const char *sentence) {
   sv_feed_commit(l->feed, SV_FEED_STATE, sizeof *s);
 }
 
+// --- screen --------------------------------------------------------------------------------------
+
+static void screen_line(const sv_preview *l, char *out, size_t cap) {
+  const sv_guidance *g = &l->cfg.capture->guidance;
+  const sv_trainer *t = l->cfg.trainer;
+  const char *hint = sv_hint_name(g->hint);
+  switch (l->status) {
+  case SV_FEED_STATUS_WAITING: sv_copy(out, cap, "Waiting for Start on the page"); break;
+  case SV_FEED_STATUS_CAPTURING:
+    sv_fmt(out, cap, "Capturing: %d of %d exposures%s%s", l->cfg.exposures->n, l->cfg.n_exposures,
+           *hint ? "; " : "", hint);
+    break;
+  case SV_FEED_STATUS_TRAINING:
+    if (l->cfg.steps) sv_fmt(out, cap, "Training: step %u of %u", t->step, l->cfg.steps);
+    else sv_fmt(out, cap, "Training: step %u, %.0f of %.0f s", t->step, t->trained_s, l->cfg.time_limit_s);
+    break;
+  case SV_FEED_STATUS_PAUSED: sv_fmt(out, cap, "Paused at step %u", t->step); break;
+  case SV_FEED_STATUS_SAVING: sv_copy(out, cap, "Saving"); break;
+  case SV_FEED_STATUS_DONE: sv_fmt(out, cap, "Done after %u steps", t->step); break;
+  default: sv_copy(out, cap, l->sentence); break;
+  }
+}
+
+static void show_on_screen(sv_preview *l, bool is_new) {
+  const sv_display *d = &l->cfg.port->display;
+  sv_screen *s = &l->screen;
+  const double now = machine_s(l);
+  char line[256];
+  if (!s->tiles || !d->begin || (!is_new && now < s->next_s)) return;
+  if (l->status == SV_FEED_STATUS_FAILED) {
+    sv_screen_message(d, l->sentence);
+    return;
+  }
+  screen_line(l, line, sizeof line);
+  const bool has_model = l->status == SV_FEED_STATUS_TRAINING || l->status == SV_FEED_STATUS_PAUSED ||
+                         l->status == SV_FEED_STATUS_SAVING || l->status == SV_FEED_STATUS_DONE;
+  sv_screen_draw(
+      s, d,
+      &(sv_screen_content){.t = has_model && sv_driver_n_views(l->cfg.trainer) ? l->cfg.trainer : NULL,
+                           .is_waiting = l->status == SV_FEED_STATUS_WAITING,
+                           .line = line,
+                           .now_s = now});
+  const double took = machine_s(l) - now;
+  const double share = l->status == SV_FEED_STATUS_TRAINING ? MODEL_SHARE : SCREEN_SHARE;
+  s->next_s = now + (took / share > SV_SCREEN_STEP_S ? took / share : SV_SCREEN_STEP_S);
+}
+
 void sv_preview_show(sv_preview *l, sv_feed_status status, const char *sentence) {
   if (!l->feed) return;
   l->status = status;
+  sv_copy(l->sentence, sizeof l->sentence, sentence ? sentence : "");
   publish_state(l, sentence);
+  show_on_screen(l, true);
 }
 
 void sv_preview_show_failure(sv_feed *feed, sv_feed_cause cause, const char *board, const char *source,
@@ -388,6 +440,7 @@ static void publish_due(sv_preview *l) {
     l->next_state_s = now + STATE_PERIOD_S;
     publish_state(l, NULL);
   }
+  show_on_screen(l, false);
 }
 
 static sv_command next_command(sv_preview *l) {

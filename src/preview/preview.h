@@ -13,6 +13,7 @@
 #include "src/image/planes.h"
 #include "src/port/feed.h"
 #include "src/port/port.h"
+#include "src/preview/screen.h"
 #include "src/sync/camera_stats.h"
 #include "src/sync/sync.h"
 #include "src/dynamic/dynamic.h"
@@ -89,13 +90,19 @@ typedef struct {
   bool has_new_event, is_paused, is_new_requested, is_calibration_requested;
   sv_preview_budget budget;
   sv_feed_status status;
+  sv_screen screen;   // of the machine, when it has one
+  char sentence[256]; // of a failure
 } sv_preview;
 
 // Floats of each Gaussian's motion in the feed, beside SV_GAUSSIAN_N_FLOATS; 0: nothing moves.
 size_t sv_preview_motion_floats(const sv_dynamic_cfg *d);
 // Floats of its rigid bodies, once for the whole model; 0: there are none.
 size_t sv_preview_bodies_floats(const sv_dynamic_cfg *d);
-void sv_preview_carve(sv_preview *l, bool is_on, int n_cameras, sv_arena *arena);
+typedef struct {
+  bool is_on, has_screen;
+  int n_cameras;
+} sv_preview_parts;
+void sv_preview_carve(sv_preview *l, const sv_preview_parts *parts, sv_arena *arena);
 void sv_preview_init(sv_preview *l, const sv_preview_cfg *cfg);
 void sv_preview_start(sv_preview *l); // the run begins: the clock of the page starts
 

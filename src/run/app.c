@@ -147,7 +147,7 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   int w, h;
   sv_pictures_size(c->rig, c->caps, c->n_cameras, &w, &h);
   app->picture = SV_TAKE(a, uint8_t, (size_t)w * (size_t)h * 3);
-  sv_preview_carve(&app->preview, c->has_preview, c->n_cameras, a);
+  sv_preview_carve(&app->preview, &(sv_preview_parts){c->has_preview, c->has_screen, c->n_cameras}, a);
   return a->status < 0 ? sv_fail(err, a->status, "the memory block is too small") : SV_OK;
 }
 

@@ -38,6 +38,8 @@ typedef struct {
   const char *board_name;
   // The port has a feed, so memory for the page is needed.
   bool has_preview;
+  // A screen shows cameras and model, too (sv_port.display). Default: false.
+  bool has_screen;
   // With a feed: the run waits for Start on the page, and New begins another one.
   bool is_session;
   // In a session: captures without waiting for Start, as an interrupted run goes on. Default false.

@@ -386,4 +386,28 @@ if wanted page; then
   wait $run
   check page_end $? -eq 0
 fi
+
+# --- the screen ----------------------------------------------------------------------------------
+# On the kernel's virtual display. What display-check reads back comes through a second descriptor.
+if wanted display; then
+  display-check auto >$out/log 2>&1
+  code=$?
+  cat $out/log
+  check display_equals_render $code -eq 0 -a "$(grep -c ' 0 differ$' $out/log)" = 1
+  note "$(tail -n 1 $out/log)"
+  subview run --source sim:textured,rig=stereo,size=64x48 --exposures 2 --time-limit 60 --gaussians 500 --threads 1 \
+    --display auto --out $out/screen >$out/text 2>$out/log &
+  run=$!
+  looks() { display-check --look auto >$out/look 2>&1 && grep -q "$1" $out/look; }
+  holds display_shows until_so 30 looks 'colors: [0-9][0-9][0-9]'
+  note "subview run --display: $(cat $out/look)"
+  subview run --source sim:textured,rig=stereo,size=64x48 --exposures 1 --steps 1 --display auto --out $out/second 2>$out/log
+  check display_taken $? -eq 1 -a "$(grep -c 'another program has the screen' $out/log)" = 1
+  kill -INT $run
+  wait $run
+  check display_end $? -eq 0
+  holds display_given_back until_so 5 looks 'off'
+  subview run --source sim:textured,rig=stereo --check --display card0:DP-7 --out $out/none >$out/text 2>$out/log
+  check display_missing $? -eq 1 -a "$(grep -c 'has no connector DP-7' $out/log)" = 1
+fi
 [ $n_failed -eq 0 ]

@@ -1,8 +1,8 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
-# The virtual ARM board's own parts, made once and kept: Debian's arm64 kernel, the camera drivers
-# (vivid from the kernel's package; vimc and v4l2loopback built from Debian's sources) and a small
-# root file system.
+# The virtual ARM board's own parts, made once and kept: Debian's arm64 kernel, the drivers of
+# cameras and display (vivid from the kernel's package; vimc, vkms and v4l2loopback built from
+# Debian's sources) and a small root file system.
 #
 #   image.sh FOLDER        leaves FOLDER/{vmlinuz,base.cpio.gz,.complete}; does nothing when they
 #                          are there
@@ -89,7 +89,8 @@ mkdir -p drivers/loop drivers/more drivers/gpio
 (cd drivers && dpkg-deb --fsys-tarfile ../debs/linux-source-"$series"_*.deb |
   tar -xO "./usr/src/linux-source-$series.tar.xz" |
   tar -xJ "linux-source-$series/drivers/media/test-drivers/vimc" "linux-source-$series/drivers/gpio/gpio-sim.c" \
-    "linux-source-$series/drivers/gpio/gpiolib.h" "linux-source-$series/kernel/irq/irq_sim.c")
+    "linux-source-$series/drivers/gpio/gpiolib.h" "linux-source-$series/kernel/irq/irq_sim.c" \
+    "linux-source-$series/drivers/gpu/drm/vkms")
 linux=drivers/linux-source-$series
 mv "$linux/drivers/media/test-drivers/vimc" drivers/vimc
 # libcamera 0.4 takes 1920x1080 from the sensor, whatever size it delivers: that takes an emulated
@@ -104,12 +105,16 @@ mv "$linux/drivers/gpio/gpio-sim.c" drivers/gpio/chip.c
 mv "$linux/drivers/gpio/gpiolib.h" drivers/gpio/
 sed 's/handle_simple_irq(irq_to_desc(irqnum))/generic_handle_irq(irqnum)/' "$linux/kernel/irq/irq_sim.c" >drivers/gpio/irq.c
 printf 'gpio-sim-y := chip.o irq.o\nobj-m := gpio-sim.o\n' >drivers/gpio/Kbuild
+# A virtual display.
+mv "$linux/drivers/gpu/drm/vkms" drivers/vkms
+printf 'vkms-y := %s\nobj-m := vkms.o\n' "$(cd drivers/vkms && ls ./*.c | sed 's#^\./##; s/\.c$/.o/' | tr '\n' ' ')" \
+  >drivers/vkms/Kbuild
 dpkg-deb -x debs/v4l2loopback-dkms_*.deb drivers/deb
 cp drivers/deb/usr/src/v4l2loopback-*/*.[ch] drivers/loop/
 echo 'obj-m := v4l2loopback.o' >drivers/loop/Kbuild
 cp "$here/vimc_more.c" drivers/more/
 echo 'obj-m := vimc_more.o' >drivers/more/Kbuild
-for driver in vimc loop more gpio; do
+for driver in vimc loop more gpio vkms; do
   # Type information (BTF) would need pahole, and nothing here reads it.
   make -s -j2 -C "$tree" M="$folder/drivers/$driver" ARCH=arm64 CROSS_COMPILE=aarch64-linux-gnu- \
     CONFIG_DEBUG_INFO_BTF_MODULES= modules \
@@ -122,7 +127,7 @@ rm -rf root
 mkdir -p root/{bin,dev,proc,sys,tmp,run,etc,modules}
 cp b/bin/busybox root/bin/
 modprobe -d k -S "$version" --show-depends vivid | awk '/^insmod/ { print $2 }' >modules.txt
-for module in videobuf2-dma-contig configfs; do
+for module in videobuf2-dma-contig configfs drm_kms_helper drm_shmem_helper; do
   modprobe -d k -S "$version" --show-depends $module | awk '/^insmod/ { print $2 }' >>modules.txt
 done
 take() { # the modules of a list, once each; prints their names
@@ -139,7 +144,7 @@ for module in virtio_pci virtio_mmio virtio_blk ext4 crc32c_generic; do
 done >disk.txt
 take disk.txt >root/modules/disk
 cp drivers/vimc/vimc.ko drivers/loop/v4l2loopback.ko drivers/more/vimc_more.ko \
-  drivers/gpio/gpio-sim.ko root/modules/
+  drivers/gpio/gpio-sim.ko drivers/vkms/vkms.ko root/modules/
 cp "k/boot/vmlinuz-$version" vmlinuz
 (cd root && find . | cpio -o -H newc --quiet) | gzip -1 >base.cpio.gz
 rm -rf k b h drivers root apt

@@ -8,7 +8,7 @@
 #
 # What does not change is kept in BUILD/board. BOARD_CPU=cortex-a76 is the Pi 5's core (cortex-a72:
 # the Pi 4's). BOARD_ONLY=NAME runs one part of board.sh (v4l2, libcamera, lost, skew, suite,
-# faults, page, trigger). BOARD_TIMEOUT=SEC ends a board that hangs.
+# faults, page, trigger, display). BOARD_TIMEOUT=SEC ends a board that hangs.
 set -euo pipefail
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 build=$1 programs=$2 sysroot=$3
@@ -33,7 +33,8 @@ cc() { aarch64-linux-gnu-gcc --sysroot="$sysroot" -std=gnu11 -O2 -Wall -Wextra "
 cc -o "$test/bin/board_tool" "$here/board_tool.c"
 cc -fPIC -shared -o "$test/lib/heap_watch.so" "$here/heap_watch.c"
 cc -fPIC -shared -o "$test/lib/refuse.so" "$here/refuse.c"
-cp "$programs/bin/subview" "$programs/bin/subview-preview" "$programs/tests/source-check" "$programs/tests/source-faults" "$test/bin/"
+cp "$programs/bin/subview" "$programs/bin/subview-preview" "$programs/tests/source-check" "$programs/tests/source-faults" \
+  "$programs/tests/display-check" "$test/bin/"
 mkdir -p "$test/lib/subview"
 cp "$programs"/lib/subview/*.so "$test/lib/subview/"
 aarch64-linux-gnu-strip "$test"/bin/* "$test"/lib/subview/*
