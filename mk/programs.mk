@@ -29,8 +29,9 @@ $(O)/bin/subview: $(call obj,$(MAIN_SRC)) $(ARCHIVES)
 $(O)/bin/subview-preview: $(call obj,$(PREVIEW_SRC)) $(O)/libplatform.a $(CORE)
 	$(call link,$(call has_lib,microhttpd.h,-lmicrohttpd) $(call has_lib,seccomp.h,-lseccomp) \
 	  $(call has_lib,gnutls/x509.h,-lgnutls))
-$(O)/bin/subview-lab: $(call obj,tools/lab/main.c) $(ARCHIVES)
-	$(call link)
+# Matches views by the solver library, where there is OpenCV.
+$(O)/bin/subview-lab: $(call obj,tools/lab/main.c) $(O)/libcalibrate.a $(ARCHIVES)
+	$(call link,$(if $(HAVE_opencv),$(SOLVE_LIBS_opencv) -lstdc++))
 $(O)/bin/subview-calibrate: $(call obj,tools/calibrate/main.c) $(O)/libcalibrate.a $(ARCHIVES)
 	$(call link,$(SOLVE_LIBS))
 $(O)/bin/subview-depth: $(call obj,tools/prior/depth_dnn.cc) $(ARCHIVES)

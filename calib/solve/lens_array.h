@@ -18,6 +18,7 @@ typedef struct {
   int view, point;
   double uv_px[2];
   bool is_outlier;
+  bool is_coarse; // where SIFT found it: good to half a pixel, not to a tenth
 } sv_array_observation;
 
 typedef struct {

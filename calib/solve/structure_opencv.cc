@@ -12,9 +12,7 @@
 
 namespace {
 
-constexpr int kFeatures = 800;
-constexpr size_t kNeighbours = 6; // that a view is matched with; tracks join further ones
-constexpr float kRatio = 0.8f;    // of the best to the second best match (D. Lowe, IJCV 2004)
+constexpr float kRatio = 0.8f; // of the best to the second best match (D. Lowe, IJCV 2004)
 constexpr float kEpipolarPx = 1.5f;
 constexpr int kMinInliers = 12;
 constexpr double kMovePx = 2.0;    // that refinement may move a feature
@@ -26,12 +24,12 @@ struct Features {
   cv::Mat descriptors;
 };
 
-Features describe(const sv_structure_view &v) {
+Features describe(const sv_structure_view &v, int n_features) {
   Features f;
   f.image = cv::Mat(v.height_px, v.width_px, CV_8UC1, const_cast<uint8_t *>(v.grey)).clone();
   cv::Mat mask;
   if (v.mask) mask = cv::Mat(v.height_px, v.width_px, CV_8UC1, const_cast<uint8_t *>(v.mask));
-  cv::SIFT::create(kFeatures, 3, 0.01, 10, 1.2)->detectAndCompute(f.image, mask, f.keys, f.descriptors);
+  cv::SIFT::create(n_features, 3, 0.01, 10, 1.2)->detectAndCompute(f.image, mask, f.keys, f.descriptors);
   for (int i = 0; i < f.descriptors.rows; i++) cv::normalize(f.descriptors.row(i), f.descriptors.row(i));
   return f;
 }
@@ -88,28 +86,35 @@ void match(const Features &a, const Features &b, int first_a, int first_b, Sets 
     if (is_good[i]) sets.join(first_a + pairs[i].first, first_b + pairs[i].second);
 }
 
+double far(const sv_structure_view &a, const sv_structure_view &b) {
+  double d2 = 0;
+  for (int k = 0; k < 6; k++) d2 += (a.place[k] - b.place[k]) * (a.place[k] - b.place[k]);
+  return std::sqrt(d2);
+}
+
 // Is b among the views nearest to a, or a among those nearest to b?
-bool are_neighbours(const sv_structure_view *v, size_t n, size_t a, size_t b) {
-  const double d = std::hypot(v[a].x - v[b].x, v[a].y - v[b].y);
+bool are_neighbours(const sv_structure_view *v, size_t n, size_t a, size_t b, size_t n_nearest) {
+  const double d = far(v[a], v[b]);
   size_t nearer_a = 0, nearer_b = 0;
   for (size_t i = 0; i < n; i++) {
     if (i == a || i == b) continue;
-    nearer_a += std::hypot(v[a].x - v[i].x, v[a].y - v[i].y) < d;
-    nearer_b += std::hypot(v[b].x - v[i].x, v[b].y - v[i].y) < d;
+    nearer_a += far(v[a], v[i]) < d;
+    nearer_b += far(v[b], v[i]) < d;
   }
-  return nearer_a < kNeighbours || nearer_b < kNeighbours;
+  return nearer_a < n_nearest || nearer_b < n_nearest;
 }
 
 struct Seen {
   int view;
   cv::Point2d at;
+  bool is_coarse;
 };
 
 sv_align_image image_of(const Features &f) { return {f.image.cols, f.image.rows, f.image.ptr<uint8_t>()}; }
 
 // Aligns the patch of the first view with the others: SIFT's places are good to some tenths of a
 // pixel only. What does not look like it there is left out.
-void refine(const std::vector<Features> &f, std::vector<std::vector<Seen>> &tracks) {
+void refine(const std::vector<Features> &f, bool keeps_unaligned, std::vector<std::vector<Seen>> &tracks) {
   for (auto &t : tracks) {
     const sv_align_image from = image_of(f[static_cast<size_t>(t[0].view)]);
     const double at[2] = {t[0].at.x, t[0].at.y};
@@ -117,22 +122,24 @@ void refine(const std::vector<Features> &f, std::vector<std::vector<Seen>> &trac
       const sv_align_image to = image_of(f[static_cast<size_t>(t[k].view)]);
       double uv[2] = {t[k].at.x, t[k].at.y}, warp[4] = {1, 0, 0, 1};
       const double like = sv_align_patch(&from, at, &to, uv, warp);
-      if (like < kLikeness || std::hypot(uv[0] - t[k].at.x, uv[1] - t[k].at.y) > kMovePx) t[k].view = -1;
-      else t[k].at = cv::Point2d(uv[0], uv[1]);
+      if (like >= kLikeness && std::hypot(uv[0] - t[k].at.x, uv[1] - t[k].at.y) <= kMovePx)
+        t[k].at = cv::Point2d(uv[0], uv[1]);
+      else if (keeps_unaligned) t[k].is_coarse = true;
+      else t[k].view = -1;
     }
   }
 }
 
 std::vector<std::vector<Seen>> gather(const std::vector<Features> &f, const std::vector<int> &first,
-                                      Sets &sets) {
+                                      size_t n_seen, Sets &sets) {
   std::vector<std::vector<Seen>> by_root(sets.up.size());
   std::vector<std::vector<Seen>> out;
   for (size_t v = 0; v < f.size(); v++)
     for (size_t k = 0; k < f[v].keys.size(); k++)
       by_root[static_cast<size_t>(sets.root(first[v] + static_cast<int>(k)))].push_back(
-          {static_cast<int>(v), f[v].keys[k].pt});
+          {static_cast<int>(v), f[v].keys[k].pt, false});
   for (auto &t : by_root) {
-    bool is_one_each = t.size() >= 3;
+    bool is_one_each = t.size() >= n_seen;
     for (size_t k = 1; k < t.size() && is_one_each; k++)
       is_one_each = t[k].view != t[k - 1].view; // in order of views
     if (!is_one_each) continue;
@@ -146,8 +153,10 @@ std::vector<std::vector<Seen>> gather(const std::vector<Features> &f, const std:
 
 bool sv_structure_available(void) { return true; }
 
-int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_array_observation **observations,
-                        int *n_points) {
+sv_structure_options sv_structure_defaults(void) { return {800, 6, 3, false, nullptr, nullptr}; }
+
+int sv_structure_tracks(const sv_structure_view *views, int n_views, const sv_structure_options *o,
+                        sv_array_observation **observations, int *n_points) {
   *observations = nullptr;
   *n_points = 0;
   try {
@@ -155,21 +164,27 @@ int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_array_ob
     std::vector<int> first;
     int n_features = 0;
     for (int v = 0; v < n_views; v++) {
-      f.push_back(describe(views[v]));
+      if (o->may_run && !o->may_run(o->self)) return -1;
+      f.push_back(describe(views[v], o->n_features));
       first.push_back(n_features);
       n_features += static_cast<int>(f.back().keys.size());
     }
     Sets sets(static_cast<size_t>(n_features));
-    for (size_t a = 0; a < f.size(); a++)
+    for (size_t a = 0; a < f.size(); a++) {
+      if (o->may_run && !o->may_run(o->self)) return -1;
       for (size_t b = a + 1; b < f.size(); b++)
-        if (are_neighbours(views, f.size(), a, b)) match(f[a], f[b], first[a], first[b], sets);
-    auto tracks = gather(f, first, sets);
-    refine(f, tracks);
+        if (are_neighbours(views, f.size(), a, b, static_cast<size_t>(o->n_neighbours)))
+          match(f[a], f[b], first[a], first[b], sets);
+    }
+    const size_t n_seen = static_cast<size_t>(o->n_seen);
+    auto tracks = gather(f, first, n_seen, sets);
+    refine(f, o->keeps_unaligned, tracks);
     std::vector<sv_array_observation> all;
     for (auto &t : tracks) {
       t.erase(std::remove_if(t.begin(), t.end(), [](const Seen &s) { return s.view < 0; }), t.end());
-      if (t.size() < 3) continue;
-      for (const Seen &s : t) all.push_back({s.view, *n_points, {s.at.x + 0.5, s.at.y + 0.5}, false});
+      if (t.size() < n_seen) continue;
+      for (const Seen &s : t)
+        all.push_back({s.view, *n_points, {s.at.x + 0.5, s.at.y + 0.5}, false, s.is_coarse});
       (*n_points)++;
     }
     if (all.empty()) return 0;

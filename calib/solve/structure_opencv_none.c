@@ -6,8 +6,11 @@
 
 bool sv_structure_available(void) { return false; }
 
-int sv_structure_tracks(const sv_structure_view *views, int n_views, sv_array_observation **observations,
-                        int *n_points) {
+sv_structure_options sv_structure_defaults(void) { return (sv_structure_options){0}; }
+
+int sv_structure_tracks(const sv_structure_view *views, int n_views, const sv_structure_options *o,
+                        sv_array_observation **observations, int *n_points) {
+  (void)o;
   (void)views;
   (void)n_views;
   *observations = NULL;

@@ -19,8 +19,9 @@
 sv_status sv_bundle_init(sv_bundle *b, const sv_bundle_cfg *cfg, sv_arena *a) {
   memset(b, 0, sizeof *b);
   b->cfg = *cfg;
-  size_t n_blocks = (size_t)cfg->cap_poses + (size_t)cfg->cap_cameras;
-  size_t n = 6 * ((size_t)cfg->cap_poses + (cfg->has_extrinsics ? (size_t)cfg->cap_cameras : 0));
+  size_t n_cameras = (size_t)cfg->cap_cameras, n_blocks = (size_t)cfg->cap_poses + 2 * n_cameras;
+  size_t n = 6 * ((size_t)cfg->cap_poses + (cfg->has_extrinsics ? n_cameras : 0) +
+                  (cfg->has_lenses ? n_cameras : 0));
   b->pose = SV_TAKE(a, sv_pose, cfg->cap_poses);
   b->pose_kept = SV_TAKE(a, sv_pose, cfg->cap_poses);
   b->beside = sv_arena_take(a, (size_t)cfg->cap_poses, sizeof *b->beside);
@@ -29,7 +30,9 @@ sv_status sv_bundle_init(sv_bundle *b, const sv_bundle_cfg *cfg, sv_arena *a) {
   b->is_fixed = SV_TAKE(a, bool, cfg->cap_poses);
   b->camera = SV_TAKE(a, sv_bundle_camera, cfg->cap_cameras);
   b->calibrated = SV_TAKE(a, sv_pose, cfg->cap_cameras);
-  b->cam_kept = SV_TAKE(a, sv_pose, cfg->cap_cameras);
+  b->cam_kept = SV_TAKE(a, sv_bundle_camera, cfg->cap_cameras);
+  b->given = SV_TAKE(a, sv_bundle_camera, cfg->cap_cameras);
+  b->is_lens_free = SV_TAKE(a, bool, cfg->cap_cameras);
   b->point = sv_arena_take(a, (size_t)cfg->cap_points, sizeof *b->point);
   b->point_kept = sv_arena_take(a, (size_t)cfg->cap_points, sizeof *b->point);
   b->point_step = sv_arena_take(a, (size_t)cfg->cap_points, sizeof *b->point);
@@ -94,6 +97,10 @@ bool sv_bundle_residual(const sv_bundle *b, const sv_bundle_obs *obs, const doub
   if (!j) return true;
   double j_cam[6] = {c->fx * iz, 0, -c->fx * u * iz, 0, c->fy * iz, -c->fy * v * iz}, j_rig[6], j_row[6];
   by_twist(j_cam, q, j->camera);
+  memset(j->lens, 0, sizeof j->lens);
+  j->lens[0] = c->fx * u;
+  j->lens[6 + 1] = c->fy * v;
+  j->lens[2] = j->lens[6 + 3] = 1;
   mul23(j_cam, c->cam_from_rig.r, j_rig);
   if (obs->row_s != 0) mul23(j_rig, turn, j_row);
   else memcpy(j_row, j_rig, sizeof j_row);
@@ -125,6 +132,15 @@ static void off_calibration(const sv_bundle *b, const sv_bundle_options *o, int 
   }
 }
 
+// Deviation of a lens from what was given, in standard deviations.
+static void off_lens(const sv_bundle *b, const sv_bundle_options *o, int i, double e[4]) {
+  const sv_bundle_camera *c = &b->camera[i], *g = &b->given[i];
+  e[0] = sv_log(c->fx / g->fx) / o->sigma_focal;
+  e[1] = sv_log(c->fy / g->fy) / o->sigma_focal;
+  e[2] = (c->cx - g->cx) / (o->sigma_centre * g->fx);
+  e[3] = (c->cy - g->cy) / (o->sigma_centre * g->fy);
+}
+
 double sv_bundle_cost(const sv_bundle *b, const sv_bundle_options *o) {
   double sum = 0, e[6];
   for (int i = 0; i < b->n_points; i++)
@@ -141,6 +157,11 @@ double sv_bundle_cost(const sv_bundle *b, const sv_bundle_options *o) {
     off_calibration(b, o, i, e);
     for (int k = 0; k < 6; k++) sum += 0.5 * e[k] * e[k];
   }
+  for (int i = 0; o->is_lenses && i < b->n_cameras; i++) {
+    if (!b->is_lens_free[i]) continue;
+    off_lens(b, o, i, e);
+    for (int k = 0; k < 4; k++) sum += 0.5 * e[k] * e[k];
+  }
   return sum;
 }
 
@@ -151,6 +172,9 @@ static void number_blocks(sv_bundle *b, const sv_bundle_options *o) {
   for (int i = 0; i < b->n_poses; i++) b->block_of[i] = b->is_fixed[i] ? -1 : n++;
   for (int i = 0; i < b->n_cameras; i++)
     b->block_of[b->n_poses + i] = o->is_extrinsics && b->cfg.has_extrinsics && i > 0 ? n++ : -1;
+  for (int i = 0; i < b->n_cameras; i++)
+    b->block_of[b->n_poses + b->n_cameras + i] =
+        o->is_lenses && b->cfg.has_lenses && b->is_lens_free[i] ? n++ : -1;
   b->n_params = 6 * n;
 }
 
@@ -200,29 +224,31 @@ static void add_block(sv_bundle *b, point_sums *p, int block, const weighted_res
   add_pair(b, block, block, k, j, j);
 }
 
-// The free poses that an observation depends on, and the derivatives by each: a row is seen from
-// between its pose and those from which the motion comes.
+// The free blocks that an observation depends on, and the derivatives by each: poses (a row is seen
+// from between its pose and those from which the motion comes), the camera and its lens.
 typedef struct {
-  int n, block[3];
-  double j[3][12];
-} pose_blocks;
+  int n, block[5];
+  double j[5][12];
+} free_blocks;
 
-static void add_pose_block(const sv_bundle *b, int i_pose, double share, const double j[12],
-                           pose_blocks *out) {
-  const int block = i_pose < 0 ? -1 : b->block_of[i_pose];
+// at: index in block_of, below 0: none.
+static void add_free(const sv_bundle *b, int at, double share, const double j[12], free_blocks *out) {
+  const int block = at < 0 ? -1 : b->block_of[at];
   if (block < 0 || share == 0) return;
   out->block[out->n] = block;
   for (int i = 0; i < 12; i++) out->j[out->n][i] = share * j[i];
   out->n++;
 }
 
-static void find_pose_blocks(const sv_bundle *b, const sv_bundle_obs *obs, const double j[12],
-                             pose_blocks *out) {
+static void find_free(const sv_bundle *b, const sv_bundle_obs *obs, const sv_bundle_jacobian *j,
+                      free_blocks *out) {
   const double s = (double)obs->row_s;
   const int i = obs->i_pose;
   out->n = 0;
-  add_pose_block(b, i, s != 0 ? 1 - s * (b->slope[i][0] + b->slope[i][1]) : 1, j, out);
-  for (int k = 0; k < 2 && s != 0; k++) add_pose_block(b, b->beside[i][k], s * b->slope[i][k], j, out);
+  add_free(b, i, s != 0 ? 1 - s * (b->slope[i][0] + b->slope[i][1]) : 1, j->pose, out);
+  for (int k = 0; k < 2 && s != 0; k++) add_free(b, b->beside[i][k], s * b->slope[i][k], j->pose, out);
+  add_free(b, b->n_poses + obs->i_camera, 1, j->camera, out);
+  add_free(b, b->n_poses + b->n_cameras + obs->i_camera, 1, j->lens, out);
 }
 
 // Adds up the blocks of one point; with is_full those of poses and cameras go into s and g.
@@ -235,20 +261,17 @@ static void sum_point(sv_bundle *b, const sv_bundle_options *o, int i, point_sum
     double loss, w2 = (double)obs->weight * (double)obs->weight;
     if (w2 == 0 || !sv_bundle_residual(b, obs, b->point[i], w.r, &w.j)) continue;
     w.k = w2 * huber(w2 * (r[0] * r[0] + r[1] * r[1]), o->huber_px, &loss);
-    pose_blocks poses;
-    find_pose_blocks(b, obs, w.j.pose, &poses);
-    int cam = b->block_of[b->n_poses + obs->i_camera], at = 0;
+    free_blocks f;
+    find_free(b, obs, &w.j, &f);
+    int at = 0;
     for (int c = 0; c < 3; c++) {
       p->gx[c] += w.k * (jx[c] * r[0] + jx[3 + c] * r[1]);
       for (int d = c; d < 3; d++) p->v[at++] += w.k * (jx[c] * jx[d] + jx[3 + c] * jx[3 + d]);
     }
-    for (int m = 0; m < poses.n; m++) add_block(b, p, poses.block[m], &w, poses.j[m], is_full);
-    if (cam >= 0) add_block(b, p, cam, &w, w.j.camera, is_full);
-    for (int m = 0; m < poses.n && is_full; m++) {
+    for (int m = 0; m < f.n; m++) add_block(b, p, f.block[m], &w, f.j[m], is_full);
+    for (int m = 0; m < f.n && is_full; m++)
       for (int other = 0; other < m; other++)
-        add_pair(b, poses.block[m], poses.block[other], w.k, poses.j[m], poses.j[other]);
-      if (cam >= 0) add_pair(b, poses.block[m], cam, w.k, poses.j[m], w.j.camera);
-    }
+        add_pair(b, f.block[m], f.block[other], w.k, f.j[m], f.j[other]);
   }
 }
 
@@ -303,6 +326,18 @@ static void add_priors(sv_bundle *b, const sv_bundle_options *o) {
     off_calibration(b, o, i, e);
     for (int k = 0; k < 6; k++) {
       double sigma = k < 3 ? o->sigma_rot_rad : o->sigma_trans_m;
+      size_t at = (size_t)(6 * block + k);
+      b->s[at * (size_t)b->n_params + at] += 1 / (sigma * sigma);
+      b->g[at] += e[k] / sigma;
+    }
+  }
+  for (int i = 0; i < b->n_cameras; i++) {
+    int block = b->block_of[b->n_poses + b->n_cameras + i];
+    double e[4];
+    if (block < 0) continue;
+    off_lens(b, o, i, e);
+    for (int k = 0; k < 4; k++) {
+      double sigma = k < 2 ? o->sigma_focal : o->sigma_centre * (k < 3 ? b->given[i].fx : b->given[i].fy);
       size_t at = (size_t)(6 * block + k);
       b->s[at * (size_t)b->n_params + at] += 1 / (sigma * sigma);
       b->g[at] += e[k] / sigma;
@@ -367,6 +402,16 @@ static void apply_step(sv_bundle *b) {
   for (int i = 0; i < b->n_cameras; i++)
     if (b->block_of[b->n_poses + i] >= 0)
       sv_pose_twist(&b->camera[i].cam_from_rig, b->step + 6 * b->block_of[b->n_poses + i]);
+  for (int i = 0; i < b->n_cameras; i++) {
+    int block = b->block_of[b->n_poses + b->n_cameras + i];
+    if (block < 0) continue;
+    sv_bundle_camera *c = &b->camera[i];
+    const double *d = b->step + 6 * block;
+    c->fx *= sv_exp(d[0]);
+    c->fy *= sv_exp(d[1]);
+    c->cx += d[2];
+    c->cy += d[3];
+  }
   for (int i = 0; i < b->n_points; i++)
     for (int k = 0; k < 3; k++) b->point[i][k] += b->point_step[i][k];
   find_motion(b);
@@ -376,9 +421,8 @@ static void keep(sv_bundle *b, bool is_back) {
   size_t n_p = (size_t)b->n_poses * sizeof *b->pose, n_x = (size_t)b->n_points * sizeof *b->point;
   memcpy(is_back ? b->pose : b->pose_kept, is_back ? b->pose_kept : b->pose, n_p);
   memcpy(is_back ? b->point : b->point_kept, is_back ? b->point_kept : b->point, n_x);
-  for (int i = 0; i < b->n_cameras; i++)
-    if (is_back) b->camera[i].cam_from_rig = b->cam_kept[i];
-    else b->cam_kept[i] = b->camera[i].cam_from_rig;
+  memcpy(is_back ? b->camera : b->cam_kept, is_back ? b->cam_kept : b->camera,
+         (size_t)b->n_cameras * sizeof *b->camera);
   if (is_back) find_motion(b);
 }
 
@@ -399,6 +443,7 @@ sv_status sv_bundle_solve(sv_bundle *b, const sv_bundle_options *o, sv_bundle_re
   bool has_fixed = false;
   memset(out, 0, sizeof *out);
   for (int i = 0; i < b->n_poses; i++) has_fixed |= b->is_fixed[i];
+  memcpy(b->given, b->camera, (size_t)b->n_cameras * sizeof *b->given);
   number_blocks(b, o);
   if (!has_fixed || (!b->n_params && !b->n_points)) return SV_E_ARG;
   find_motion(b);

@@ -35,6 +35,7 @@ typedef struct {
 typedef struct {
   int cap_poses, cap_cameras, cap_points, cap_obs;
   bool has_extrinsics; // room for corrections of cam_from_rig
+  bool has_lenses;     // room for corrections of focal lengths and principal points
 } sv_bundle_cfg;
 
 typedef struct {
@@ -43,6 +44,10 @@ typedef struct {
   bool is_extrinsics;   // also correct cam_from_rig; camera 0 is fixed (it defines the rig's frame)
   double sigma_rot_rad; // prior of the calibration: standard deviation of rotation
   double sigma_trans_m; // and of position of a camera
+  bool is_lenses;       // also correct the lenses of cameras with is_lens_free
+  double sigma_focal;   // prior of the lenses as given: standard deviation of a focal length, as a
+                        // share of it
+  double sigma_centre;  // and of a principal point, as a share of the focal length
   struct sv_heartbeats *heartbeats; // each iteration is progress; may be NULL
 } sv_bundle_options;
 
@@ -59,18 +64,21 @@ typedef struct {
   sv_bundle_camera *camera; // [n_cameras]
   sv_pose *calibrated;      // [n_cameras] cam_from_rig by calibration; only looked at with
                             // is_extrinsics
+  bool *is_lens_free;       // [n_cameras] only looked at with is_lenses
   double (*point)[3];       // [n_points] world; improved
   int *first;               // [n_points + 1] observations of point i: [first[i], first[i + 1])
   sv_bundle_obs *obs;       // [first[n_points]]
   // Private to the solver.
-  double (*motion)[6];           // [n_poses] at the present poses, for observations with a row time
-  sv_pose *pose_kept, *cam_kept; // before a step
+  double (*motion)[6];                // [n_poses] at the present poses, for observations with a row time
+  sv_pose *pose_kept;                 // before a step
+  sv_bundle_camera *cam_kept, *given; // [n_cameras] before a step; as sv_bundle_solve got them
   double (*point_kept)[3], (*point_step)[3];
   double *s, *g, *step; // [n n] reduced system, lower triangle; [n]
-  int *block_of;        // [cap_poses + cap_cameras] block of a pose or camera in s, -1: fixed
-  int *is_seen;         // [cap_poses + cap_cameras] which poses have observations, for the scale
-  int *in_use;          // [cap_poses + cap_cameras] of the current point
-  double (*w)[18];      // [cap_poses + cap_cameras] 6x3 blocks of the current point
+  // [cap_poses + 2 cap_cameras] of poses, cameras and lenses:
+  int *block_of;   // block in s, -1: fixed
+  int *is_seen;    // which poses have observations, for the scale
+  int *in_use;     // those of the current point
+  double (*w)[18]; // 6x3 blocks of the current point
   int n_params;
   double lambda;
 } sv_bundle;
@@ -94,17 +102,18 @@ sv_status sv_bundle_solve(sv_bundle *b, const sv_bundle_options *o, sv_bundle_re
 double sv_bundle_scale_sigma(sv_bundle *b, const sv_bundle_options *o);
 
 // --- pieces, for tests ---------------------------------------------------------------------------
-// Derivatives of a residual by the twists of pose and camera, [2][6], and by the point, [2][3].
+// Derivatives of a residual by the twists of pose and camera, [2][6], by the lens (logarithms of fx
+// and fy, cx and cy, and twice nothing, so that all blocks have six), and by the point, [2][3].
 typedef struct {
-  double pose[12], camera[12], point[6];
+  double pose[12], camera[12], lens[12], point[6];
 } sv_bundle_jacobian;
 // Residual of an observation of x (world), not weighted, and its derivatives (j may be NULL), with
 // the motion as it is. False behind the camera.
 bool sv_bundle_residual(const sv_bundle *b, const sv_bundle_obs *obs, const double x[3], double r[2],
                         sv_bundle_jacobian *j);
 // One damped step at the present values into b->step (blocks of six in the order of free poses,
-// then cameras) and b->point_step: (H + lambda diag H) d = -gradient. False when the system is
-// singular.
+// then cameras, then lenses) and b->point_step: (H + lambda diag H) d = -gradient. False when the
+// system is singular.
 bool sv_bundle_linear_step(sv_bundle *b, const sv_bundle_options *o, double lambda);
 double sv_bundle_cost(const sv_bundle *b, const sv_bundle_options *o);
 // Applies a twist to a pose.

@@ -46,11 +46,11 @@ static sv_status gather_exposure(job *j, int exposure, sv_err *err) {
                                    f->height_px,
                                    lens->grey[exposure],
                                    lens->mask,
-                                   f->x0_px + 0.5 * f->width_px,
-                                   f->y0_px + 0.5 * f->height_px};
+                                   {f->x0_px + 0.5 * f->width_px, f->y0_px + 0.5 * f->height_px}};
     whose[n++] = i;
   }
-  int n_found = sv_structure_tracks(views, n, &found, &n_points);
+  const sv_structure_options options = sv_structure_defaults();
+  int n_found = sv_structure_tracks(views, n, &options, &found, &n_points);
   sv_array_observation *more =
       n_found > 0 ? realloc(b->observations, (size_t)(n_old + n_found) * sizeof *more) : b->observations;
   if (n_found < 0 || (n_found > 0 && !more)) {

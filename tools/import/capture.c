@@ -131,6 +131,7 @@ sv_status lab_import_capture(lab_import *im, const char *dir, sv_err *err) {
   if (s == SV_OK && src->rig.n_sub_views > 1)
     im->unit = (sv_unit){.is_metric = true,
                          .scale_sigma = (float)hypot(src->rig.scale_sigma, src->capture.scale_sigma)};
+  im->is_rig_known = s == SV_OK && src->rig.n_sub_views > 1;
   free(block);
   free(src);
   return s;

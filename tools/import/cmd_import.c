@@ -7,8 +7,64 @@
 #include "src/format/ply.h"
 #include "tools/import/recording.h"
 #include "tools/import/import.h"
+#include "tools/import/refine.h"
 
 // --- dispatch ------------------------------------------------------------------------------------
+
+// The scale of poses that were given for one camera of the rig, where the user does not tell it.
+static sv_status find_scale(lab_import *im, const lab_options *o, const lab_matches *m, lab_session *se,
+                            sv_err *err) {
+  lab_scale scale;
+  int i_stream = -1;
+  for (int i = 0; i < im->n; i++)
+    if (sv_str_eq(im->views[i].camera, o->stream)) i_stream = im->views[i].sub_view;
+  sv_status s = lab_scale_find(&scale, im, m, i_stream, err);
+  if (s != SV_OK) return s;
+  lab_scale_apply(im, i_stream, scale.unit_m);
+  im->unit = (sv_unit){.is_metric = true, .scale_sigma = (float)scale.sigma};
+  lab_say(se, "one unit of %s's poses is %.6g m (+- %.2g %%), by %d matches between the rig's cameras",
+          o->stream, scale.unit_m, 100 * scale.sigma, scale.n_points);
+  return SV_OK;
+}
+
+static sv_status refine(lab_import *im, const lab_options *o, const lab_matches *m, lab_session *se,
+                        sv_err *err) {
+  lab_refined r;
+  const lab_refine_options how = {.is_rig = sv_str_eq(o->refine, "rig"),
+                                  .is_rig_known = o->rig != NULL || im->is_rig_known,
+                                  .free_lenses = o->free_lenses};
+  sv_status s = lab_import_refine(im, m, &how, &r, err);
+  if (s != SV_OK) return s;
+  if (r.is_kept) {
+    lab_say(se, "the poses are left as they are: they explain %d observations of %d points to %.2f px",
+            r.n_obs, r.n_points, r.rms_before_px);
+    return SV_OK;
+  }
+  lab_say(se,
+          "%d of %d views refined: %d points, %d observations, %.2f px before, %.2f px now; moved by %.3f "
+          "degrees and %.4g units in the mean",
+          r.n_placed, im->n, r.n_points, r.n_obs, r.rms_before_px, r.rms_px, r.moved_deg, r.moved);
+  if (r.n_parts > 1)
+    lab_say(se, "the views fall into %d parts that share no points; each stays where it was as a whole",
+            r.n_parts);
+  return SV_OK;
+}
+
+// From the poses of one camera to those of its rig, and what the pictures tell about them.
+static sv_status improve(lab_import *im, const lab_options *o, lab_session *se, sv_err *err) {
+  lab_matches m = {0};
+  sv_status s = SV_OK;
+  const double unit_m = o->unit_m > 0 ? o->unit_m : 1;
+  const bool is_scale_found = o->rig && !(o->unit_m > 0) && lab_has_matcher();
+  if (o->rig) s = lab_import_propagate(im, o->rig, o->stream, unit_m, err);
+  if (s == SV_OK && o->rig && !is_scale_found)
+    lab_say(se, "assuming that one unit of %s's poses is %.6g m (override with --unit)", o->stream, unit_m);
+  if (s == SV_OK && (is_scale_found || o->refine)) s = lab_matches_find(&m, im, se, err);
+  if (s == SV_OK && is_scale_found) s = find_scale(im, o, &m, se, err);
+  if (s == SV_OK && o->refine) s = refine(im, o, &m, se, err);
+  lab_matches_free(&m);
+  return s;
+}
 
 static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
   if (sv_str_eq(o->from, "sim")) {
@@ -41,10 +97,7 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
                 : sv_str_eq(o->from, "capture") ? lab_import_capture(&im, o->input, err)
                                                 : lab_import_transforms(&im, o->input, err);
   if (s == SV_OK && im.n == 0) s = sv_fail(err, SV_E_NOT_FOUND, "%s: contains no views", o->input);
-  double unit_m = o->unit_m > 0 ? o->unit_m : 1;
-  if (s == SV_OK && o->rig) s = lab_import_propagate(&im, o->rig, o->stream, unit_m, err);
-  if (s == SV_OK && o->rig)
-    lab_say(se, "assuming that one unit of %s's poses is %.6g m (override with --unit)", o->stream, unit_m);
+  if (s == SV_OK) s = improve(&im, o, se, err);
   if (s == SV_OK) s = lab_import_write(&im, se, o->out, err);
   if (s == SV_OK) lab_say(se, "%s: %d views, %d points", o->out, im.n, im.n_points);
   if (s == SV_OK && im.n_from_rig) lab_say(se, "%d views take their pose from the rig", im.n_from_rig);
@@ -63,6 +116,10 @@ int lab_cmd_import(const lab_options *o) {
     return lab_usage("import", "--rig and --stream must be given together; --unit needs both");
   if (o->rig && !has_stream)
     return lab_usage("import", "--rig and --stream need --from colmap, nerfstudio or blender");
+  if (o->refine && !has_stream && !sv_str_eq(o->from, "capture"))
+    return lab_usage("import",
+                     "--refine needs --from with one pose a view: colmap, nerfstudio, blender or capture");
+  if (o->free_lenses && !o->refine) return lab_usage("import", "--free-lenses needs --refine");
   sv_status s = lab_session_start(&se, 0, o->is_quiet, &err);
   if (s == SV_OK) s = sv_linux_catch_signals(&err);
   if (s == SV_OK) s = import(o, &se, &err);
