@@ -69,7 +69,8 @@ typedef struct {
   int *first;               // [n_points + 1] observations of point i: [first[i], first[i + 1])
   sv_bundle_obs *obs;       // [first[n_points]]
   // Private to the solver.
-  double (*motion)[6];                // [n_poses] at the present poses, for observations with a row time
+  // [n_poses] at the present poses, for observations with a row time
+  double (*motion)[6];
   sv_pose *pose_kept;                 // before a step
   sv_bundle_camera *cam_kept, *given; // [n_cameras] before a step; as sv_bundle_solve got them
   double (*point_kept)[3], (*point_step)[3];

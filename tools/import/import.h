@@ -30,7 +30,7 @@ typedef struct {
   int n_points, cap_points;
   // views that were placed by their rig only; images of the rig that were not found
   int n_from_rig, n_lost;
-  sv_unit unit; // of the poses: meters for a rig with a baseline
+  sv_unit unit;      // of the poses: meters for a rig with a baseline
   bool is_rig_known; // relative poses within an exposure are a calibration's
 } lab_import;
 

@@ -70,7 +70,8 @@ typedef struct {
   int n_parts;
   double rms_before_px, rms_px; // of the same observations
   double moved_deg, moved;      // means; moved: in units of the poses
-  bool is_kept;                 // the given poses explain the matches as well, so nothing was changed
+  // The given poses explain the matches as well, so nothing was changed.
+  bool is_kept;
 } lab_refined;
 
 // Changes poses (and lenses) of `im`, unless the given ones explain the matches as well (residuals
