@@ -109,7 +109,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .dynamic = sv_dynamic_defaults(),
                   .steps = (uint32_t)o->steps,
                   .time_limit_s = o->time_limit,
-                  .is_tracking = !o->is_continuous && !o->is_dynamic && !tells_poses(&run.src.source),
+                  .is_tracking = !o->is_continuous && !tells_poses(&run.src.source),
                   .is_blur_kept = o->is_blur_kept,
                   .prior = (sv_prior_method)o->i_prior,
                   .optimizer = o->i_optimizer + 1,

@@ -273,7 +273,6 @@ static void init_preview(sv_app *app) {
 
 static const char *why_untracked(const sv_app_cfg *c) {
   return c->is_continuous    ? "--live does not track"
-         : c->is_dynamic     ? "a moving scene is not tracked"
          : is_multiplexed(c) ? "a multiplexed sensor is not tracked"
                              : "tracking is off";
 }

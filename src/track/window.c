@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // From the tracker's lists to a bundle and back.
+#include <math.h>
 #include <string.h>
 
 #include "src/base/mathx.h"
@@ -7,6 +8,7 @@
 
 #define HUBER_PX    1.0
 #define WRONG_PX    3.5                  // standard deviations; such an observation is given up
+#define MOVING      2.5                  // times the usual squared residual: a point that moves
 #define SIGMA_ROT   (0.05 * SV_PI / 180) // what a good calibration leaves of doubt
 #define SIGMA_TRANS 0.002                // of the rig's largest distance between two cameras
 
@@ -80,21 +82,55 @@ static void give_up(sv_tracker *t, int32_t i_obs) {
     if (p->now[v] == i_obs) p->now[v] = -1;
 }
 
-// Takes the results over; observations that do not fit are given up, and points that keep fewer
-// than two.
+// Squared residual of an observation in units of its standard deviation; infinite behind the
+// camera.
+static double residual2(const sv_bundle *b, int i_point, int k) {
+  double r[2], w = (double)b->obs[k].weight;
+  if (!sv_bundle_residual(b, &b->obs[k], b->point[i_point], r, NULL)) return INFINITY;
+  return w * w * (r[0] * r[0] + r[1] * r[1]);
+}
+
+// Mean over all observations that fit.
+static double usual_residual2(const sv_bundle *b) {
+  double sum = 0;
+  int n = 0;
+  for (int i = 0; i < b->n_points; i++)
+    for (int k = b->first[i]; k < b->first[i + 1]; k++) {
+      const double r2 = residual2(b, i, k);
+      if (!(r2 < WRONG_PX * WRONG_PX)) continue;
+      sum += r2;
+      n++;
+    }
+  return n ? sum / n : 0;
+}
+
+// A point that moves, or slides along an edge, fits the rig's motion worse than others do in all of
+// its observations.
+static bool is_moving(const sv_bundle *b, int i, double usual2) {
+  const int n = b->first[i + 1] - b->first[i];
+  double sum = 0;
+  for (int k = b->first[i]; k < b->first[i + 1]; k++) {
+    const double r2 = residual2(b, i, k);
+    sum += r2 < WRONG_PX * WRONG_PX ? r2 : WRONG_PX * WRONG_PX;
+  }
+  return sum > MOVING * usual2 * n;
+}
+
+// Takes the results over; observations that do not fit are given up, those of points that move
+// all, and points that keep fewer than two.
 static void take_back(sv_tracker *t, int first) {
   sv_bundle *b = &t->bundle;
+  const double usual2 = usual_residual2(b);
   for (int i = 0; i < b->n_poses; i++) t->pose[first + i] = b->pose[i];
   sv_track_find_motion(t, first, b->n_poses);
   for (int i = 0; i < t->n_views; i++) t->cam[i].cam_from_rig = b->camera[i].cam_from_rig;
   for (int i = 0; i < b->n_points; i++) {
     sv_track_point *p = &t->point[t->bundle_point[i]];
+    const bool is_off = is_moving(b, i, usual2);
     int n_good = 0;
     memcpy(p->x, b->point[i], sizeof p->x);
     for (int k = b->first[i]; k < b->first[i + 1]; k++) {
-      double r[2], w = (double)b->obs[k].weight;
-      bool is_good = sv_bundle_residual(b, &b->obs[k], b->point[i], r, NULL) &&
-                     w * w * (r[0] * r[0] + r[1] * r[1]) < WRONG_PX * WRONG_PX;
+      const bool is_good = !is_off && residual2(b, i, k) < WRONG_PX * WRONG_PX;
       if (!is_good) give_up(t, t->bundle_obs[k]);
       n_good += is_good;
     }
