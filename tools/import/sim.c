@@ -23,7 +23,9 @@
 #define SIZE        "400x400"
 #define GOLDEN_DEG  137.50776405003785
 
-#define CAP_FILES 8
+#define CAP_FILES  80
+#define CAP_ANGLES 16 // of a sweep
+#define CAP_SLOTS  100
 
 // A transforms file. All are kept until every image is there: without them a folder does not look
 // like a dataset.
@@ -37,6 +39,10 @@ typedef struct {
   const char *out;
   const lab_session *session;
   sv_sim sim;
+  char folder[60]; // of the images of a device, below train
+  int n_exposures; // of the devices of a still scene
+  bool is_spread;  // exposures have the numbers of number_of, not those of their slots
+  int number_of[CAP_SLOTS];
   void *block;
   file files[CAP_FILES];
   int n_files;
@@ -68,14 +74,16 @@ static sv_status start(job *j, const char *spec, const char *rig) {
              is_moving(spec) && !strstr(spec, "arc=") ? ",arc=0" : "");
   sv_status s = sv_sim_parse(&cfg, rig ? text : spec, j->err);
   if (s < 0) return s;
-  if (rig) cfg.n_exposures = is_moving(spec) ? N_TIMES : N_EXPOSURES;
+  if (rig) cfg.n_exposures = is_moving(spec) ? N_TIMES : j->n_exposures;
   size_t bytes = sv_sim_bytes(&cfg) + SV_ARENA_ALIGN, px = (size_t)cfg.width_px * (size_t)cfg.height_px;
   j->block = malloc(bytes);
   j->rgb = malloc(3 * px);
   j->depth = malloc(px * sizeof *j->depth);
   if (!j->block || !j->rgb || !j->depth) return sv_fail(j->err, SV_E_NOMEM, "no memory for the simulator");
   sv_arena a = sv_arena_make(j->block, bytes);
-  return sv_sim_init(&j->sim, &cfg, &a, j->err);
+  s = sv_sim_init(&j->sim, &cfg, &a, j->err);
+  if (s >= 0) sv_copy(j->folder, sizeof j->folder, j->sim.rig.name);
+  return s;
 }
 
 static void stop(job *j) {
@@ -88,12 +96,14 @@ static void stop(job *j) {
 
 // --- transforms ----------------------------------------------------------------------------------
 
+static int exposure_of(const job *j, int slot) { return j->is_spread ? j->number_of[slot] : slot; }
+
 // The sensor's measurement of each exposure, where lens images overlap.
 static void put_measurements(job *j) {
   fprintf(j->f, " \"composites_linear\": [");
   for (int e = 0; e < j->sim.cfg.n_exposures; e++)
     fprintf(j->f, "%s{\"exposure\": %d, \"file_path\": \"train/%s/e%02d_composite.png\", \"M_max\": %d}",
-            e ? ", " : "", e, j->sim.rig.name, e, j->sim.largest_overlap);
+            e ? ", " : "", exposure_of(j, e), j->folder, e, j->sim.largest_overlap);
   fprintf(j->f, "],\n");
 }
 
@@ -209,7 +219,8 @@ static sv_status write_frame(job *j, const sv_frame *f, int i_exposure) {
     char name[200];
     if (sv->i_camera != f->i_camera) continue;
     sv_sim_view(&j->sim, i_exposure, i, &v, &time_s);
-    snprintf(name, sizeof name, "train/%s/e%02d_s%02d.png", rig->name, i_exposure, i);
+    v.i_exposure = exposure_of(j, i_exposure);
+    snprintf(name, sizeof name, "train/%s/e%02d_s%02d.png", j->folder, i_exposure, i);
     put_frame(j, name, NULL, &v, sv->name, is_shared ? &sv->footprint : NULL);
     if (is_shared) continue;
     for (int y = 0; y < v.height_px; y++)
@@ -222,7 +233,7 @@ static sv_status write_frame(job *j, const sv_frame *f, int i_exposure) {
   }
   if (!is_shared) return SV_OK;
   char name[200];
-  snprintf(name, sizeof name, "train/%s/e%02d_composite.png", rig->name, i_exposure);
+  snprintf(name, sizeof name, "train/%s/e%02d_composite.png", j->folder, i_exposure);
   sv_bitmap b = {f->width_px, f->height_px, 3, 16, NULL, (uint16_t *)(uintptr_t)f->data};
   return write_png(j, name, &b);
 }
@@ -244,6 +255,29 @@ static sv_status write_exposures(job *j) {
 }
 
 // --- files ---------------------------------------------------------------------------------------
+
+// Exposures are numbered so that the first n of them are spread over the trajectory, whatever n is:
+// each next one is the farthest from those before it, going round.
+static void number_slots(job *j) {
+  const int n = sv_mini(j->sim.cfg.n_exposures, CAP_SLOTS);
+  bool is_taken[CAP_SLOTS] = {false};
+  for (int number = 0; number < n; number++) {
+    int best = 0, most = -1;
+    for (int i = 0; i < n; i++) {
+      int least = n;
+      for (int k = 0; k < n; k++) {
+        const int d = i > k ? i - k : k - i;
+        if (is_taken[k]) least = sv_mini(least, sv_mini(d, n - d));
+      }
+      if (!is_taken[i] && least > most) {
+        most = least;
+        best = i;
+      }
+    }
+    is_taken[best] = true;
+    j->number_of[best] = number;
+  }
+}
 
 static sv_status write_device(job *j, const char *name) {
   sv_status s = open_transforms(j, name, j->sim.rig.forward == SV_FORWARD_MULTIPLEXED);
@@ -399,16 +433,72 @@ static sv_status import_moving(job *j, const char *spec) {
   return s;
 }
 
-static sv_status import_still(job *j, const char *spec) {
-  static const char *const rigs[] = {"mono", "stereo", "phone", "lightfield", "multiplexed"};
-  sv_status s = SV_OK;
-  for (int i = 0; i < 5 && s >= 0; i++) {
-    char name[100];
-    snprintf(name, sizeof name, "transforms_train_%s.json", rigs[i]);
-    s = start(j, spec, rigs[i]);
-    if (s >= 0) s = write_device(j, name);
-    stop(j);
+// angles=A+B+...: takes them from the specification. E_RANGE.
+static sv_status take_angles(char *spec, double angles[CAP_ANGLES], int *n, sv_err *err) {
+  static const char key[] = ",angles=";
+  char *at = strstr(spec, key), *p;
+  *n = 0;
+  if (!at) return SV_OK;
+  for (p = at + sizeof key - 1;; p++) {
+    const size_t len = strcspn(p, "+,");
+    if (*n == CAP_ANGLES || !sv_parse_double(p, len, &angles[*n]) || !(angles[*n] > 0 && angles[*n] <= 60))
+      return sv_fail(err, SV_E_RANGE,
+                     "sim:%.150s: angles= has 1 to %d angles of up to 60 degrees, as 0.5+2+5", spec,
+                     CAP_ANGLES);
+    ++*n;
+    p += len;
+    if (*p != '+') break;
   }
+  memmove(at, p, strlen(p) + 1);
+  return SV_OK;
+}
+
+// A device at an angle of its own; angle 0: that of the specification.
+static sv_status import_device(job *j, const char *spec, const char *rig, double angle_deg, int n_exposures) {
+  char name[100], text[400], tail[40] = "";
+  if (angle_deg > 0) snprintf(tail, sizeof tail, "_theta%g", angle_deg);
+  sv_copy(text, sizeof text, spec);
+  if (angle_deg > 0) snprintf(text, sizeof text, "%.300s,angle=%.9g", spec, angle_deg);
+  snprintf(name, sizeof name, "transforms_train_%s%s.json", rig, tail);
+  j->n_exposures = n_exposures;
+  sv_status s = start(j, text, rig);
+  snprintf(j->folder, sizeof j->folder, "%s%s", rig, tail);
+  if (s >= 0) number_slots(j);
+  j->is_spread = true;
+  if (s >= 0) s = write_device(j, name);
+  j->is_spread = false;
+  stop(j);
+  return s;
+}
+
+static double option_or(const char *spec, const char *key, double value) {
+  const char *at = strstr(spec, key);
+  double v;
+  if (!at) return value;
+  at += strlen(key);
+  return sv_parse_double(at, strcspn(at, ","), &v) ? v : value;
+}
+
+static sv_status import_still(job *j, const char *given) {
+  static const char *const rigs[] = {"mono", "stereo", "phone", "lightfield", "multiplexed"};
+  char spec[400];
+  double angles[CAP_ANGLES];
+  int n_angles = 0;
+  sv_copy(spec, sizeof spec, given);
+  sv_status s = take_angles(spec, angles, &n_angles, j->err);
+  const int n_exposures = (int)option_or(spec, ",exposures=", N_EXPOSURES);
+  const double main_deg = option_or(spec, ",angle=", 10);
+  if (s >= 0 && !(n_exposures >= 1 && n_exposures <= CAP_SLOTS))
+    s = sv_fail(j->err, SV_E_RANGE, "sim:%.150s: 1 to %d exposures for a dataset of several devices", given,
+                CAP_SLOTS);
+  if (s >= 0 && n_angles && strstr(spec, ",angle="))
+    s = sv_fail(j->err, SV_E_ARG, "sim:%.150s: angle= or angles=, not both; the tables' angle is 10", given);
+  for (int i = 0; i < 5 && s >= 0; i++) {
+    s = import_device(j, spec, rigs[i], i && n_angles ? main_deg : 0, n_exposures);
+    for (int k = 0; k < n_angles && i && s >= 0; k++)
+      if (angles[k] != main_deg) s = import_device(j, spec, rigs[i], angles[k], sv_mini(n_exposures, 3));
+  }
+  j->n_exposures = N_EXPOSURES;
   if (s >= 0) s = start(j, spec, "mono");
   if (s >= 0) s = write_test_near(j);
   if (s >= 0) s = write_test(j);

@@ -95,9 +95,13 @@ static const sv_option table[] = {
      "ssim, tv, opacity, scale, tv_novel; novel[_every|_px|_deg], region, floor, dilation, supersample "
      "(share of the run), dropout (share of the Gaussians)",
      0, 0, 0},
-    {"noise", SV_OPT_TEXT, LAB_TRAIN | LAB_TABLES, 0, AT(noise), "[prediction,]read=V,shot=V",
+    {"noise", SV_OPT_TEXT, LAB_TRAIN, 0, AT(noise), "[prediction,]read=V,shot=V",
      "sensor noise on the training images: variance read + shot x for linear light x, then 14 bits; with "
      "prediction: on predicted multiplexed measurements in each step, standard deviation read + shot x",
+     0, 0, 0},
+    {"noise", SV_OPT_TEXT, LAB_TABLES, 0, AT(noise), "none|[prediction,]read=V,shot=V",
+     "sensor noise, as train has it (datasets of simulated devices: that of the paper, "
+     "read=0.0001,shot=0.0003; else none)",
      0, 0, 0},
     {"antialias", SV_OPT_WORD, LAB_TRAIN, 0, AT(antialias), "auto|on|off",
      "Mip-Splatting's opacity compensation; auto: on when focal lengths differ by more than 1.5 (auto)", 0, 0,
@@ -342,6 +346,7 @@ static int parse_loss(const sv_tool_command *c, lab_options *o) {
 }
 
 static int parse_noise(const sv_tool_command *c, lab_options *o) {
+  if (o->noise && strcmp(o->noise, "none") == 0) return LAB_EXIT_OK;
   for (const char *p = o->noise; p && *p;) {
     size_t n = strcspn(p, ",");
     bool is_read = strncmp(p, "read=", 5) == 0, is_shot = strncmp(p, "shot=", 5) == 0;

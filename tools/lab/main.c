@@ -102,7 +102,8 @@ static const lab_command commands[] = {
       "(textured, ...): the images of all devices,\n                    held-out views and depth. With "
       "rig=NAME (textured,rig=stereo,exposures=4): the exposures\n                    that 'subview run' "
       "captures, and its held-out views. Scene 'moving': a stationary rig\n                    at 25 times, "
-      "every fourth held out\nWith --rig and --stream the poses are those of one camera of a rig; all its "
+      "every fourth held out. For curves of 'tables': exposures=50,angles=0.2+1+3\nWith --rig and --stream "
+      "the poses are those of one camera of a rig; all its "
       "sub-views are added. Their\nimages have the same paths with the other names in them (left/0007.png, "
       "right/0007.png).",
       "  subview-lab import --from colmap garden --out garden_data\n"

@@ -44,7 +44,7 @@ static bool has_cameras(const tables *t, int i_scene) { return t->scenes[i_scene
 static void name_run(const tables *t, const row *r, char out[TABLES_CAP_KEY]) {
   const tables_capture *c = &t->scenes[r->i_scene].of[r->device];
   char noise[80] = "";
-  if (t->o->noise)
+  if (t->o->noise && *t->o->noise)
     snprintf(noise, sizeof noise, "_noise%s_%.9g_%.9g", t->o->is_noise_on_prediction ? "_prediction" : "",
              (double)t->o->noise_read, (double)t->o->noise_shot);
   snprintf(out, TABLES_CAP_KEY, "dynamic_%s_%s_%s_g%ld_s%ld_seed%ld%s_%08x", t->scenes[r->i_scene].name,
@@ -82,7 +82,7 @@ static sv_status job_of(tables_job *j, const tables *t, const row *r, numbers *n
     tables_job_add(s, "--eval", NULL);
     tables_job_add(s, "--lpips", NULL);
   }
-  if (t->o->noise) tables_job_add(s, "--noise", t->o->noise);
+  if (t->o->noise && *t->o->noise) tables_job_add(s, "--noise", t->o->noise);
   tables_job_add(s, "--threads", n->threads);
   tables_job_add(s, "--json", NULL);
   tables_job_add(s, "--out", "$d");
@@ -203,8 +203,9 @@ static sv_status write_bars(const job *j, const char *name, bool is_time, sv_err
   fprintf(
       f,
       "set title \"Moving scenes, %s\"\nset ylabel 'PSNR (dB)'\nset grid y\nset style data histograms\n"
-      "set style histogram clustered gap 1\nset style fill solid 0.8\nset yrange [0:*]\n"
-      "set xtics rotate by -30 noenhanced\nset key outside right\nset datafile missing '?'\n$bars << EOD\n",
+      "set style histogram clustered gap 1\nset style fill solid 0.8\nset offsets 0, 0, graph 0.15, graph "
+      "0.15\n"
+      "set xtics rotate by -30 noenhanced\nset key inside top left\nset datafile missing '?'\n$bars << EOD\n",
       is_time ? "held-out frames of the camera that all devices share" : "held-out cameras over all times");
   const row *last = NULL;
   for (int i = 0; i < j->n; last = &j->rows[i++]) {

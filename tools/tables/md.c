@@ -68,10 +68,10 @@ static void put_differences(const page *p) {
       "with 100,000 Gaussians, which densification may change, about 3,000 iterations, noise on the "
       "measurements, 200 test views (the six nearest for one exposure) and LPIPS by another network (VGG), "
       "which is not comparable with ours; it does not print its resolution. Ours: %d scene%s of our own, "
-      "a fixed %ld Gaussians, %ld steps, %s, views as above, black behind the objects. Compare "
+      "a fixed %ld Gaussians, %ld steps, noise %s, views as above, black behind the objects. Compare "
       "the differences between devices rather than the figures themselves.\n",
       t->n_scenes, t->n_scenes == 1 ? "" : "s", t->n_gaussians, t->n_steps,
-      t->o->noise ? "noise as given by --noise" : "no noise");
+      t->o->noise && *t->o->noise ? t->o->noise : "none");
   if (t->o->is_quick)
     fprintf(p->f, "\n**This is a quick run**: one scene, few steps and points of the curves. It shows that "
                   "everything works, and roughly the order; it is not a measurement to cite.\n");

@@ -182,22 +182,33 @@ static int find_theta(const tables_capture *c, double theta_deg) {
   return -1;
 }
 
-static int n_angles(const tables_scene *sc) { return sc->of[TABLES_STEREO].n + sc->of[TABLES_LIGHTFIELD].n; }
+// Files of devices with several cameras at angles that their names tell.
+static int n_angles(const tables_scene *sc) {
+  int n = 0;
+  for (int d = TABLES_MONO + 1; d < TABLES_N_DEVICES; d++)
+    for (int f = 0; f < sc->of[d].n; f++) n += sc->of[d].files[f].theta_deg > 0;
+  return n;
+}
+
+static bool has_several_angles(const tables_scene *sc) {
+  for (int d = TABLES_MONO + 1; d < TABLES_N_DEVICES; d++)
+    if (sc->of[d].n > 1 && sc->of[d].files[sc->of[d].n - 2].theta_deg > 0) return true;
+  return false;
+}
 
 // The scenes that have every angle of the scene with the most; that scene, or -1 when none has two
 // of a device.
 static int choose_angle_scenes(const tables *t, bool *is_in) {
-  static const int devices[] = {TABLES_STEREO, TABLES_LIGHTFIELD};
   int best = -1;
   for (int i = 0; i < t->n_scenes; i++)
-    if (t->scenes[i].of[TABLES_STEREO].n > 1 || t->scenes[i].of[TABLES_LIGHTFIELD].n > 1)
+    if (has_several_angles(&t->scenes[i]))
       if (best < 0 || n_angles(&t->scenes[i]) > n_angles(&t->scenes[best])) best = i;
   for (int i = 0; i < t->n_scenes; i++) {
     is_in[i] = best >= 0;
-    for (int k = 0; k < 2 && is_in[i]; k++) {
-      const tables_capture *c = &t->scenes[best].of[devices[k]];
+    for (int d = TABLES_MONO + 1; d < TABLES_N_DEVICES && is_in[i]; d++) {
+      const tables_capture *c = &t->scenes[best].of[d];
       for (int f = 0; f < c->n && is_in[i]; f++)
-        is_in[i] = find_theta(&t->scenes[i].of[devices[k]], c->files[f].theta_deg) >= 0;
+        is_in[i] = c->files[f].theta_deg <= 0 || find_theta(&t->scenes[i].of[d], c->files[f].theta_deg) >= 0;
     }
   }
   return best;
@@ -226,7 +237,6 @@ static sv_status add_angle(tables *t, const bool *is_in, int device, int n_expos
 }
 
 static sv_status plan_angles(tables *t, sv_err *err) {
-  static const int devices[] = {TABLES_MONO, TABLES_STEREO, TABLES_LIGHTFIELD};
   bool is_in[TABLES_CAP_SCENES];
   char names[300];
   tables_table *b = &t->tables[TABLE_ANGLE];
@@ -244,31 +254,36 @@ static sv_status plan_angles(tables *t, sv_err *err) {
            "shows these curves without numbers.",
            names);
   for (int e = 1; e <= (t->o->is_quick ? 1 : 3); e += 2)
-    for (int k = 0; k < 3; k++) {
-      const tables_capture *c = &t->scenes[best].of[devices[k]];
+    for (int d = 0; d < TABLES_N_DEVICES; d++) {
+      const tables_capture *c = &t->scenes[best].of[d];
       for (int f = 0; f < c->n && s == SV_OK; f++) {
         bool is_kept = !t->o->is_quick || f == 0 || f == c->n / 2 || f == c->i_main;
-        if (devices[k] == TABLES_MONO ? f == c->i_main : is_kept && c->files[f].theta_deg > 0)
-          s = add_angle(t, is_in, devices[k], e, c->files[f].theta_deg, err);
+        if (d == TABLES_MONO ? f == c->i_main : is_kept && c->files[f].theta_deg > 0)
+          s = add_angle(t, is_in, d, e, c->files[f].theta_deg, err);
       }
     }
   return s;
 }
 
-// The most exposures that a file of a scene's mono, stereo or light field has.
+// The most exposures that a file of a scene has.
 static int most_exposures(const tables_scene *sc) {
-  static const int devices[] = {TABLES_MONO, TABLES_STEREO, TABLES_LIGHTFIELD};
   int most = 0;
-  for (int k = 0; k < 3; k++) {
-    const tables_capture *c = &sc->of[devices[k]];
-    for (int i = 0; i < c->n; i++)
-      if (c->files[i].n_exposures > most) most = c->files[i].n_exposures;
-  }
+  for (int d = 0; d < TABLES_N_DEVICES; d++)
+    for (int i = 0; i < sc->of[d].n; i++)
+      if (sc->of[d].files[i].n_exposures > most) most = sc->of[d].files[i].n_exposures;
   return most;
 }
 
+// Points of the curve over the exposures: about evenly spaced by their ratio, and the last.
+static bool is_point(const tables *t, int n, int most) {
+  static const int points[] = {1, 2, 3, 4, 6, 8, 12, 17, 24, 35, 50, 70, 100};
+  if (t->o->is_quick) return n == 1 || n == 3 || n == (most < 8 ? most : 8);
+  for (size_t i = 0; i < sizeof points / sizeof *points; i++)
+    if (n == points[i]) return true;
+  return n == most;
+}
+
 static sv_status plan_exposures(tables *t, sv_err *err) {
-  static const int devices[] = {TABLES_MONO, TABLES_STEREO, TABLES_LIGHTFIELD};
   bool is_in[TABLES_CAP_SCENES];
   char names[300];
   tables_table *b = &t->tables[TABLE_EXPOSURES];
@@ -277,22 +292,21 @@ static sv_status plan_exposures(tables *t, sv_err *err) {
   for (int i = 0; i < t->n_scenes; i++)
     if (most_exposures(&t->scenes[i]) > most) most = most_exposures(&t->scenes[i]);
   for (int i = 0; i < t->n_scenes; i++) is_in[i] = most_exposures(&t->scenes[i]) == most;
-  if (most > TABLES_CAP_EXPOSURES) most = TABLES_CAP_EXPOSURES;
   list_names(t, is_in, names, sizeof names);
   *b = (tables_table){.name = "exposures", .title = "Number of exposures"};
   snprintf(b->text, sizeof b->text,
            "All on the split test, also a single exposure, so that the curve is one. Scenes: %s. The paper "
            "shows these curves without numbers.",
            names);
-  for (int k = 0; k < 3; k++)
+  for (int d = 0; d < TABLES_N_DEVICES; d++)
     for (int n = 1; n <= most && s == SV_OK; n++) {
-      if (t->o->is_quick && n != 1 && n != 3 && n != (most < 8 ? most : 8)) continue;
-      tables_row *r = add_row(t, TABLE_EXPOSURES, devices[k], n, err);
+      if (!is_point(t, n, most)) continue;
+      tables_row *r = add_row(t, TABLE_EXPOSURES, d, n, err);
       if (!r) return SV_E_NOMEM;
       r->split = TABLES_TEST;
       r->x = n;
       for (int i = 0; i < t->n_scenes && s == SV_OK; i++) {
-        tables_setting set = {i, devices[k], -1, n, t->n_gaussians, false, false};
+        tables_setting set = {i, d, -1, n, t->n_gaussians, false, false};
         if (is_in[i]) s = add_to_row(t, r, set, err);
       }
       if (r->n_runs == 0) b->n--;

@@ -55,6 +55,17 @@ sv_status tables_script_close(FILE *f, const char *name, const char *plot, sv_er
 
 // --- curves --------------------------------------------------------------------------------------
 
+// The scatter over the scenes of a row.
+static double deviation(const tables *t, const tables_row *r, int figure) {
+  double sum = 0, squares = 0;
+  for (int i = 0; i < r->n_runs; i++) {
+    const double v = t->runs[r->runs[i]].result.score[r->split].of[figure];
+    sum += v / r->n_runs;
+    squares += v * v / r->n_runs;
+  }
+  return sqrt(fmax(0, squares - sum * sum));
+}
+
 // Points of one device as a data block; returns how many. A curve of the exposures has all of them,
 // one of the angles those of one number of exposures.
 static int put_points(FILE *f, const tables *t, const curve_plot *c, int device, int n_exposures) {
@@ -66,7 +77,7 @@ static int put_points(FILE *f, const tables *t, const curve_plot *c, int device,
     double v = tables_row_mean(t, r).figures.of[c->figure];
     if (isnan(v)) continue;
     if (n == 0) fprintf(f, "$%s_%d << EOD\n", tables_device_names[device], n_exposures);
-    fprintf(f, "%.6g %.7g\n", r->x, v);
+    fprintf(f, "%.6g %.7g %.3g\n", r->x, v, deviation(t, r, c->figure));
     n++;
   }
   if (n) fprintf(f, "EOD\n");
@@ -82,9 +93,15 @@ static void add_curve(sv_str *plot, const curve_plot *c, int device, int n_expos
   sv_str_add(plot, "%s", plot->len ? ", " : "plot ");
   if (c->table == TABLE_ANGLE && device == TABLES_MONO) // one point: the same for every angle
     sv_str_add(plot, "real(word($mono_%d[1], 2)) with lines", n_exposures);
-  else sv_str_add(plot, "$%s_%d with linespoints pt 7 ps 0.6", tables_device_names[device], n_exposures);
+  else sv_str_add(plot, "$%s_%d with yerrorlines pt 7 ps 0.6", tables_device_names[device], n_exposures);
   sv_str_add(plot, " lw 2 dt %d lc rgb '#%06x' title '%s'", n_exposures == 1 ? 2 : 1,
              tables_device_colours[device], title);
+}
+
+static double largest_x(const tables *t, const curve_plot *c) {
+  double most = 0;
+  for (int i = 0; i < t->tables[c->table].n; i++) most = fmax(most, t->tables[c->table].rows[i].x);
+  return most;
 }
 
 static sv_status write_curve(const tables *t, const curve_plot *c, bool *is_written, sv_err *err) {
@@ -93,9 +110,13 @@ static sv_status write_curve(const tables *t, const curve_plot *c, bool *is_writ
   bool is_angle = c->table == TABLE_ANGLE;
   FILE *f = tables_script_open(t, c->name, err);
   if (!f) return SV_E_IO;
-  fprintf(f, "set title \"%s\"\nset xlabel '%s'\nset ylabel '%s'\nset grid\nset key outside right\n",
+  fprintf(f, "set title \"%s; bars: standard deviation over the scenes\"\nset xlabel '%s'\nset ylabel '%s'\n",
           c->title, c->x_label, axis_word(c->figure));
-  fprintf(f, c->is_log_x ? "set logscale x\n" : "set xtics 1\n");
+  fprintf(f,
+          "set grid\nset key inside %s right opaque\nset offsets graph 0.05, graph 0.05, graph 0.05, graph "
+          "0.05\n",
+          c->figure == TABLES_PSNR ? "bottom" : "top");
+  fprintf(f, c->is_log_x || largest_x(t, c) > 12 ? "set logscale x\n" : "set xtics 1\n");
   int n_most = 0;
   for (int e = is_angle ? 1 : 0; e <= (is_angle ? 3 : 0); e += 2)
     for (int d = 0; d < TABLES_N_DEVICES; d++) {
@@ -109,15 +130,29 @@ static sv_status write_curve(const tables *t, const curve_plot *c, bool *is_writ
 
 // --- bars: ours and the paper's ------------------------------------------------------------------
 
+// Where the bars begin: PSNR has no natural 0, and differences between devices are small beside it.
+static const char *bottom_of(const tables *t, int figure, char out[16]) {
+  const tables_table *b = &t->tables[TABLE_SUMMARY];
+  double least = INFINITY;
+  for (int i = 0; i < b->n; i++) {
+    least = fmin(least, tables_row_mean(t, &b->rows[i]).figures.of[figure]);
+    least = fmin(least, tables_paper(b->rows[i].n_exposures, b->rows[i].device).of[figure]);
+  }
+  snprintf(out, 16, "%.0f", figure == TABLES_PSNR && least < 100 ? fmax(0, floor(least) - 2) : 0);
+  return out;
+}
+
 static sv_status write_bars(const tables *t, int figure, const char *name, bool *is_written, sv_err *err) {
   const tables_table *b = &t->tables[TABLE_SUMMARY];
+  char bottom[16];
   FILE *f = tables_script_open(t, name, err);
   if (!f) return SV_E_IO;
   fprintf(f,
           "set title \"%s, ours beside the paper's (other scenes)\"\nset ylabel '%s'\nset grid y\n"
           "set style data histograms\nset style histogram clustered gap 1\nset style fill solid 0.8\n"
-          "set yrange [0:*]\nset xtics rotate by -30\nset datafile missing '?'\n$bars << EOD\n",
-          tables_figure_words[figure], axis_word(figure));
+          "set yrange [%s:*]\nset key inside top left\nset offsets 0, 0, graph 0.15, 0\n"
+          "set xtics rotate by -30\nset datafile missing '?'\n$bars << EOD\n",
+          tables_figure_words[figure], axis_word(figure), bottom_of(t, figure, bottom));
   *is_written = false;
   for (int i = 0; i < b->n; i++) {
     double ours = tables_row_mean(t, &b->rows[i]).figures.of[figure],

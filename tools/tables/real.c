@@ -82,7 +82,7 @@ static void name_run(const tables *t, const tables_real_row *r, char out[TABLES_
          f->transforms, (unsigned long long)f->digest,
          (unsigned long long)file_of(t, r->i_scene, other)->digest, (unsigned long long)sc->digest,
          prior_of(t, r) ? prior_of(t, r) : "none", t->n_gaussians, t->n_steps, t->seed,
-         t->o->noise ? t->o->noise : "none");
+         t->o->noise && *t->o->noise ? t->o->noise : "none");
   const uint64_t h = tables_hash(TABLES_HASH, settings, strlen(settings));
   sv_fmt(out, TABLES_CAP_KEY, "%s_%s_%s_g%ld_s%ld_%08x", sc->name, tables_device_names[r->device],
          tables_method_words[r->method], t->n_gaussians, t->n_steps, (unsigned)(h ^ h >> 32));
@@ -122,7 +122,7 @@ static sv_status job_of(tables_job *j, const tables *t, const tables_real_row *r
   tables_job_add(s, "--steps", n->n_steps);
   tables_job_add(s, "--seed", n->seed);
   if (prior_of(t, r)) tables_job_add(s, "--prior", prior_of(t, r));
-  if (t->o->noise) tables_job_add(s, "--noise", t->o->noise);
+  if (t->o->noise && *t->o->noise) tables_job_add(s, "--noise", t->o->noise);
   tables_job_add(s, "--threads", n->threads);
   tables_job_add(s, "--json", NULL);
   tables_job_add(s, "--out", "$d");

@@ -119,11 +119,12 @@ static sv_status write_bars(const tables_real_job *j, const char *name, sv_err *
   double deviation;
   int n = 0;
   if (!f) return SV_E_IO;
-  fprintf(f, "set title \"Masked PSNR, means over the scenes; bars: standard deviation over the scenes\"\n"
-             "set ylabel 'mPSNR (dB)'\nset grid y\nset style data histograms\n"
-             "set style histogram errorbars gap 2 lw 1\nset style fill solid 0.8\nset key top left\n"
-             "set offsets graph 0, 0, 2, 1\nset yrange [*:*]\nset xtics rotate by -30 noenhanced\n"
-             "set datafile missing '?'\n$bars << EOD\n");
+  fprintf(f,
+          "set title \"Masked PSNR, means over the scenes; bars: standard deviation over the scenes\"\n"
+          "set ylabel 'mPSNR (dB)'\nset grid y\nset style data histograms\n"
+          "set style histogram errorbars gap 2 lw 1\nset style fill solid 0.8\nset key top left\n"
+          "set offsets 0, 0, graph 0.15, graph 0.15\nset yrange [*:*]\nset xtics rotate by -30 noenhanced\n"
+          "set datafile missing '?'\n$bars << EOD\n");
   for (int i = 0; i < j->n; i++) {
     if (!mean_of(j, i, &l, &deviation) || isnan(l.cell[1])) continue;
     fprintf(f, "\"%s %s %s\" %.7g %.7g ", l.like->capture, tables_device_words[l.device],

@@ -38,7 +38,7 @@ static void add_train(tables_job *j, const tables *t, const tables_run *r, numbe
   tables_job_add(s, "--seed", text_of(n->seed, t->seed));
   tables_job_add(s, "--init", set->is_cube ? "cube" : "sphere");
   if (set->is_tv_off) tables_job_add(s, "--loss", "tv=0,tv_novel=0");
-  if (t->o->noise) tables_job_add(s, "--noise", t->o->noise);
+  if (t->o->noise && *t->o->noise) tables_job_add(s, "--noise", t->o->noise);
   add_threads(s, t, n);
   tables_job_add(s, "--json", NULL);
   tables_job_add(s, "--out", "$d");

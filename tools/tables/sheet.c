@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Contact sheets: for each device a row of truth, render, error, true depth and depth of one near
 // view, from what the runs with one exposure rendered.
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,6 +14,9 @@
 #define N_COLUMNS  5
 #define ERROR_GAIN 4
 #define GAP_PX     4
+#define BAND_PX    (LAB_SHEET_TEXT_PX + 4) // of labels
+
+static const uint8_t ink[3] = {0, 0, 0};
 
 // One row's images; all of the view's size.
 typedef struct {
@@ -178,6 +182,22 @@ static sv_status load_row(const tables *t, const tables_run *r, cells *c, sv_err
   return s == SV_OK ? read_render(c, folder, i_view, err) : s;
 }
 
+static void label_columns(lab_sheet *sh, const cells *c) {
+  static const char *const columns[N_COLUMNS] = {"truth", "render", "error x4", "true depth", "depth"};
+  for (int k = 0; k < N_COLUMNS; k++) lab_sheet_text(sh, k * (c->w + GAP_PX), 2, 1, columns[k], ink);
+}
+
+// Above the images of a row: the device, and its scores over all near views.
+static void label_row(lab_sheet *sh, const tables_run *r, int y0) {
+  char text[120];
+  const double *of = r->result.score[TABLES_NEAR].of;
+  int n =
+      snprintf(text, sizeof text, "%s: PSNR %.2f dB", tables_device_words[r->set.device], of[TABLES_PSNR]);
+  if (!isnan(of[TABLES_ABS_REL]))
+    snprintf(text + n, sizeof text - (size_t)n, ", depth AbsRel %.4f", of[TABLES_ABS_REL]);
+  lab_sheet_text(sh, 0, y0 + 2, 1, text, ink);
+}
+
 static sv_status write_sheet(const tables *t, int i_scene, sv_err *err) {
   char path[SV_CAP_PATH], file[TABLES_CAP_NAME + 16];
   lab_sheet sh = {.px = NULL};
@@ -189,9 +209,13 @@ static sv_status write_sheet(const tables *t, int i_scene, sv_err *err) {
     cells c = {.truth = NULL};
     if (!r) continue;
     s = load_row(t, r, &c, err);
-    if (s == SV_OK && !sh.px)
-      s = lab_sheet_start(&sh, N_COLUMNS * (c.w + GAP_PX) - GAP_PX, n_rows * (c.h + GAP_PX) - GAP_PX, err);
-    if (s == SV_OK) draw_row(&sh, &c, i_row++ * (c.h + GAP_PX));
+    const int step = BAND_PX + c.h + GAP_PX;
+    if (s == SV_OK && !sh.px) {
+      s = lab_sheet_start(&sh, N_COLUMNS * (c.w + GAP_PX) - GAP_PX, BAND_PX + n_rows * step - GAP_PX, err);
+      if (s == SV_OK) label_columns(&sh, &c);
+    }
+    if (s == SV_OK) label_row(&sh, r, BAND_PX + i_row * step);
+    if (s == SV_OK) draw_row(&sh, &c, 2 * BAND_PX + i_row++ * step);
     cells_free(&c);
   }
   snprintf(file, sizeof file, "sheet_%s.png", t->scenes[i_scene].name);

@@ -17,8 +17,7 @@
 #define TABLES_CAP_SETTINGS (3 * SV_TRANSFORMS_CAP_PATH)
 #define TABLES_THETA_DEG    10 // of the paper's tables
 // times as many Gaussians in the comparison of counts, as in the paper
-#define TABLES_MANY          5
-#define TABLES_CAP_EXPOSURES 12 // the exposure sweep ends here
+#define TABLES_MANY 5
 
 enum { TABLES_MONO, TABLES_PHONE, TABLES_STEREO, TABLES_LIGHTFIELD, TABLES_MULTIPLEXED, TABLES_N_DEVICES };
 enum { TABLES_NEAR, TABLES_TEST, TABLES_N_SPLITS };

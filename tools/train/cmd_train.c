@@ -556,8 +556,7 @@ static sv_status stages(run *r, sv_err *err) {
                       &r->start.bounds, &r->plan.scratch, err);
   if (s == SV_OK) s = place_from_prior(r, err);
   if (s != SV_OK || (s = train(r, err)) != SV_OK) return s;
-  s = lab_measured_psnr(&r->plan.trainer, &r->render, &r->measured_psnr);
-  if (s != SV_OK) return sv_fail(err, s, "the measurements cannot be rendered: %s", sv_status_text(s));
+  r->measured_psnr = lab_measured_psnr(&r->plan.trainer, &r->render);
   if ((s = save(r, err)) != SV_OK) return s; // whatever comes later, the model is there
   if (r->o->is_eval && !r->is_stopped) {
     if ((s = evaluate(r, err)) != SV_OK) return s;

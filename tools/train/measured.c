@@ -23,22 +23,19 @@ static double squares_of(const sv_trainer *t, const sv_train_measurement *m, con
   return sum;
 }
 
-sv_status lab_measured_psnr(sv_trainer *t, const sv_render_options *o, double *psnr) {
+double lab_measured_psnr(sv_trainer *t, const sv_render_options *o) {
   double sum = 0, n = 0;
   const int side = t->cfg.region_px;
-  *psnr = NAN;
   for (int i = 0; i < t->n_measurements; i++) {
     const sv_train_measurement *m = &t->measurements[i];
     const int w = m->model.width_px, h = m->model.height_px;
     for (int y = 0; y < h; y += side)
       for (int x = 0; x < w; x += side) {
         const sv_region r = {x, y, sv_mini(x + side, w), sv_mini(y + side, h)};
-        sv_status s = sv_train_predict(t, &m->model, &r, o, NULL, NULL);
-        if (s < 0) return s;
+        if (sv_train_predict(t, &m->model, &r, o, NULL, NULL) < 0) return NAN;
         sum += squares_of(t, m, &r);
       }
     n += 3.0 * w * h;
   }
-  if (n > 0) *psnr = -10 * log10(fmax(sum / n, 1e-10));
-  return SV_OK;
+  return n > 0 ? -10 * log10(fmax(sum / n, 1e-10)) : NAN;
 }

@@ -6,7 +6,8 @@
 
 #include "src/train/train.h"
 
-// PSNR in dB of display values of [0, 1] over all pixels of all measurements; NAN without any.
-sv_status lab_measured_psnr(sv_trainer *t, const sv_render_options *o, double *psnr) SV_MUST_USE;
+// PSNR in dB of display values of [0, 1] over all pixels of all measurements. NAN without any, or
+// when the model cannot be rendered.
+double lab_measured_psnr(sv_trainer *t, const sv_render_options *o);
 
 #endif
