@@ -17,6 +17,13 @@
 // that it has in a budget of this size.
 #define REGULARIZED_GAUSSIANS 20000
 
+// Few exposures leave the space around a scene open to Gaussians in the background's color, which
+// no training view tells from nothing. One exposure cannot: what is behind its edges would be empty.
+static float random_until(const sv_train_cfg *cfg, const sv_sampling *s) {
+  const bool is_sparse = s->n_exposures > 1 && s->n_exposures < MANY_EXPOSURES;
+  return is_sparse && !s->is_moving ? cfg->fine_at : 0.0f;
+}
+
 #define GRID_VIEWS 6 // more sub-views than a phone has: a lens grid, whose images are small
 
 // 1 with few exposures, 0 with many.
@@ -69,6 +76,7 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   // gives the same quality for a quarter of the work.
   cfg->is_supersampled = is_grid && !s->is_multiplexed;
   cfg->supersample_from = 0.7f;
+  cfg->random_until = random_until(cfg, s);
   cfg->dropout = dropout_of(s, is_grid);
   cfg->dropout_until = cfg->is_supersampled ? cfg->supersample_from : DROPOUT_UNTIL;
   if (s->n_exposures <= SV_FEW_EXPOSURES && !s->is_moving) cfg->reg_opacity = opacity_weight(s, is_grid);

@@ -193,7 +193,8 @@ static sv_status begin_image(sv_trainer *t, const sv_train_choice *c, const sv_r
                          .options = *o,
                          .weight = 1.0f};
   float *bg = im->options.bg;
-  if (t->cfg.background == SV_BG_RANDOM && tv->image.n_channels == 4)
+  const bool is_random = t->cfg.background == SV_BG_RANDOM || c->progress < t->cfg.random_until;
+  if (is_random && tv->image.n_channels == 4)
     for (int k = 0; k < 3; k++) bg[k] = sv_rng_f(&t->rng);
   sv_status s = SV_OK;
   if (SV_TRAIN_HAS(t, before_render)) s = t->hooks->before_render(t->hooked, im);

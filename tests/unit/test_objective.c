@@ -37,6 +37,16 @@ TEST(test_dropout) {
   assert_true(of(1, 16, false, false).dropout < of(1, 2, false, false).dropout);
 }
 
+// A few exposures tell what is transparent by random backgrounds while the model takes shape.
+TEST(test_random_backgrounds) {
+  assert_true(sv_train_defaults().random_until == 0);
+  for (int n_sub_views = 1; n_sub_views <= 16; n_sub_views *= 4)
+    for (int n = 1; n <= 30; n++) {
+      assert_true(of(n, n_sub_views, false, false).random_until == (n > 1 && n < 18 ? 0.3f : 0.0f));
+      assert_true(of(n, n_sub_views, false, true).random_until == 0);
+    }
+}
+
 // Where exposures are few, of more than 20,000 Gaussians each has the weight that it would have
 // among so many; fewer share the whole weight.
 TEST(test_weight_of_many) {
@@ -69,7 +79,8 @@ TEST(test_far) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dropout), cmocka_unit_test(test_weight_of_many),
-                                     cmocka_unit_test(test_far)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dropout),
+                                     cmocka_unit_test(test_random_backgrounds),
+                                     cmocka_unit_test(test_weight_of_many), cmocka_unit_test(test_far)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

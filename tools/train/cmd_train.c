@@ -147,6 +147,7 @@ static void choose_objective(run *r) {
   if (o->opacity >= 0) c->reg_opacity = o->opacity;
   if (o->size >= 0) c->reg_scale = o->size;
   if (o->dropout >= 0) c->dropout = o->dropout;
+  if (o->noise) c->random_until = 0; // noisy images are blended over black already
   lab_prior_cfg(o, &r->views, &r->extras.prior);
   sv_prior_prepare(&r->extras.prior, c);
 }
