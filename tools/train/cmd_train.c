@@ -45,9 +45,8 @@ typedef struct {
   double limit_s;                       // 0: by steps
   double load_s, eval_s, measured_psnr; // measured: of multiplexed measurements
   bool is_stopped, has_scores;
-  sv_render_options render; // of the finished model
-  lab_scores scores,
-      time_scores; // time_scores: of held-out times of the training cameras
+  sv_render_options render;       // of the finished model
+  lab_scores scores, time_scores; // time: of held-out times of the training cameras
   bool has_time_scores;
   bool is_standing; // the rig, while the scene moves
   bool is_stereo;   // starts from depth maps of its own views
