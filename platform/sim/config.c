@@ -26,17 +26,22 @@ static bool next_word(word *rest, char sep, word *out) {
 }
 
 static const char *const SCENES[] = {
-#define X(id, name, arc_deg, text) name,
+#define X(id, name, arc_deg, distance_m, text) name,
 #include "platform/sim/scenes.inc"
 #undef X
 };
 static const double SCENE_ARC_DEG[] = {
-#define X(id, name, arc_deg, text) arc_deg,
+#define X(id, name, arc_deg, distance_m, text) arc_deg,
+#include "platform/sim/scenes.inc"
+#undef X
+};
+static const double SCENE_DISTANCE_M[] = {
+#define X(id, name, arc_deg, distance_m, text) distance_m,
 #include "platform/sim/scenes.inc"
 #undef X
 };
 static const char *const SCENE_TEXTS[] = {
-#define X(id, name, arc_deg, text) text,
+#define X(id, name, arc_deg, distance_m, text) text,
 #include "platform/sim/scenes.inc"
 #undef X
 };
@@ -285,12 +290,14 @@ static sv_status read_option(sv_sim_config *c, word option, sv_err *err) {
   return unknown_option(name, err);
 }
 
+double sv_sim_distance_m(const sv_sim_config *c) { return SCENE_DISTANCE_M[c->scene]; }
+
 sv_device_params sv_sim_device(const sv_sim_config *c) {
   return (sv_device_params){.device = c->rig,
                             .width_px = c->width_px,
                             .height_px = c->height_px,
                             .focal_per_width = FOCAL_PER_WIDTH,
-                            .distance_m = SV_SIM_DISTANCE_M,
+                            .distance_m = sv_sim_distance_m(c),
                             .angle_rad = c->angle_deg * SV_PI / 180,
                             .rows = c->grid_rows,
                             .cols = c->grid_cols,

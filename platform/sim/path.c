@@ -51,7 +51,7 @@ static amplitudes amplitudes_of(const sv_sim_config *c) {
   const double rad_s = c->turn_deg_s * SV_PI / 180;
   if (!c->is_swaying) return (amplitudes){SWAY_M, AIM_M, ROLL};
   return (amplitudes){c->move_m_s / (SWAY_PER_S * sqrt(3)),
-                      rad_s * SV_SIM_DISTANCE_M / (SWAY_PER_S * sqrt(2)), ROLL};
+                      rad_s * sv_sim_distance_m(c) / (SWAY_PER_S * sqrt(2)), ROLL};
 }
 
 static void sway_all(double t_s, const amplitudes *a, double eye[3], double at[3], double up[3]) {
@@ -76,9 +76,9 @@ void sv_sim_rig_pose(const sv_sim *sim, sv_ns host_ns, sv_pose *rig_from_world) 
   }
   const double rise_deg = sim->cfg.is_swaying ? 0 : RISE_DEG;
   double el = (ELEVATION_DEG + rise_deg * sv_sin(2 * SV_PI * WAVES * s / n - SV_PI / 6)) * SV_PI / 180;
-  double c = sv_cos(el) * SV_SIM_DISTANCE_M, a = (az - 360 * floor(az / 360)) * SV_PI / 180;
-  double eye[3] = {c * sv_cos(a), c * sv_sin(a), sv_sin(el) * SV_SIM_DISTANCE_M}, at[3] = {0},
-         up[3] = {0, 0, 1};
+  const double distance_m = sv_sim_distance_m(&sim->cfg);
+  double c = sv_cos(el) * distance_m, a = (az - 360 * floor(az / 360)) * SV_PI / 180;
+  double eye[3] = {c * sv_cos(a), c * sv_sin(a), sv_sin(el) * distance_m}, at[3] = {0}, up[3] = {0, 0, 1};
   const amplitudes hand = amplitudes_of(&sim->cfg);
   if (sim->cfg.is_handheld || sim->cfg.is_swaying)
     sway_all(sv_ns_to_s(host_ns - SV_SIM_EPOCH_NS), &hand, eye, at, up);
@@ -111,12 +111,12 @@ void sv_sim_view(const sv_sim *sim, int64_t slot, int i_sub_view, sv_view *view,
 }
 
 void sv_sim_heldout_view(const sv_sim *sim, int i, int n, sv_view *view, double *time_s) {
+  const double distance_m = sv_sim_distance_m(&sim->cfg);
   int64_t slot = n > 0 ? (int64_t)i * sim->cfg.n_exposures / n : 0;
   double f = i * GOLDEN, phi = ((i & 1 ? 270 : 90) + 100 * (f - floor(f) - 0.5)) * SV_PI / 180;
-  double rho = HELDOUT_DEG * SV_PI / 180, s = sv_sin(rho), at[3] = {0, 0, SV_SIM_DISTANCE_M},
-         up[3] = {0, -1, 0};
+  double rho = HELDOUT_DEG * SV_PI / 180, s = sv_sin(rho), at[3] = {0, 0, distance_m}, up[3] = {0, -1, 0};
   double d[3] = {s * sv_cos(phi), s * sv_sin(phi), -sv_cos(rho)}, eye[3];
-  for (int k = 0; k < 3; k++) eye[k] = at[k] + SV_SIM_DISTANCE_M * d[k];
+  for (int k = 0; k < 3; k++) eye[k] = at[k] + distance_m * d[k];
   sv_pose rig, cam;
   (void)sv_pose_look_at(&cam, eye, at, up);
   sv_sim_rig_pose(sim, sv_sim_slot_ns(sim, slot), &rig);

@@ -244,6 +244,41 @@ static void build_hall(sv_sim_scene *s) {
   ball(s, &amber, -0.4, 0.75, -0.4, 0.3);
 }
 
+// Things of the size of a hand on a stand high above a yard: nothing is between them and 10 m.
+static void build_field(sv_sim_scene *s) {
+  static const sv_sim_material *const covers[6] = {&brick, &plaster, &moss, &stone, &wood, &paper};
+  const double down_m = -8;
+  sv_sim_material ground = stone, hill[3] = {moss, stone, plaster}, cover, small[3] = {ocean, amber, brick};
+  ground.cell_m = 1.6f;
+  add(s, SV_SIM_BOX, &ground, (xyz){0, 0, down_m - 0.5}, (xyz){90, 90, 0.5})->is_stage = true;
+  for (int i = 0; i < 12; i++) { // around the yard
+    double c[3];
+    on_circle(c, 70, 2 * SV_PI * i / 12, 12);
+    cover = hill[i % 3];
+    cover.cell_m = 3.0f;
+    turn(add(s, SV_SIM_BOX, &cover, (xyz){c[0], c[1], c[2]}, (xyz){1, 20, 20 + 2.0 * (i % 4)}), 0, 0,
+         2 * SV_PI * i / 12);
+    s->prims[s->n_prims - 1].is_stage = true;
+  }
+  for (int i = 0; i < 24; i++) { // in it
+    double c[3], half_m = 1.2 + 0.4 * (i % 4), high_m = 1.5 + 0.7 * (i % 5);
+    on_circle(c, 12 + 1.6 * i, 2.4 * i, down_m + high_m);
+    cover = *covers[i % 6];
+    cover.cell_m *= 5;
+    if (i % 3 == 2) add(s, SV_SIM_CYLINDER, &cover, (xyz){c[0], c[1], c[2]}, (xyz){half_m, high_m, 0});
+    else
+      turn(add(s, SV_SIM_BOX, &cover, (xyz){c[0], c[1], c[2]}, (xyz){half_m, half_m, high_m}), 0, 0, 0.9 * i);
+    s->prims[s->n_prims - 1].is_stage = true;
+  }
+  for (int i = 0; i < 3; i++) small[i].cell_m *= 0.35f;
+  cover = wood;
+  cover.cell_m *= 0.4f;
+  add(s, SV_SIM_CYLINDER, &cover, (xyz){0, 0, -0.17}, (xyz){0.2, 0.03, 0})->is_stage = true;
+  ball(s, &small[0], 0.06, 0.05, -0.04, 0.10);
+  turn(add(s, SV_SIM_BOX, &small[2], (xyz){-0.09, -0.05, -0.06}, (xyz){0.06, 0.05, 0.08}), 0, 0, 0.5);
+  add(s, SV_SIM_CYLINDER, &small[1], (xyz){0.07, -0.11, -0.07}, (xyz){0.04, 0.07, 0});
+}
+
 // Faces the middle of the default trajectories.
 static void build_board(sv_sim_scene *s) {
   const double az = SV_PI / 4, el = SV_PI / 6,
@@ -265,7 +300,10 @@ void sv_sim_scene_build(sv_sim_scene *s, sv_sim_scene_id id) {
   for (int i = 0; i < 3; i++) s->to_sun[i] = sun[i] / n;
   s->sun = 0.62f;
   s->sky = 0.38f;
-  s->radius_m = id == SV_SIM_SCENE_ROOM ? 2.2 : id == SV_SIM_SCENE_HALL ? 6.0 : 1.1;
+  s->radius_m = id == SV_SIM_SCENE_ROOM    ? 2.2
+                : id == SV_SIM_SCENE_HALL  ? 6.0
+                : id == SV_SIM_SCENE_FIELD ? 0.3
+                                           : 1.1;
   switch (id) {
   case SV_SIM_SCENE_THIN: build_thin(s); break;
   case SV_SIM_SCENE_OCCLUSION: build_occlusion(s); break;
@@ -273,6 +311,7 @@ void sv_sim_scene_build(sv_sim_scene *s, sv_sim_scene_id id) {
   case SV_SIM_SCENE_ROOM: build_room(s); break;
   case SV_SIM_SCENE_HALL: build_hall(s); break;
   case SV_SIM_SCENE_BOARD: build_board(s); break;
+  case SV_SIM_SCENE_FIELD: build_field(s); break;
   default: build_textured(s);
   }
 }

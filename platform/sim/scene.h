@@ -68,7 +68,7 @@ typedef struct {
 } sv_sim_scene;
 
 typedef enum {
-#define X(id, name, arc_deg, text) SV_SIM_SCENE_##id,
+#define X(id, name, arc_deg, distance_m, text) SV_SIM_SCENE_##id,
 #include "platform/sim/scenes.inc"
 #undef X
   SV_SIM_N_SCENES

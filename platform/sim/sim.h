@@ -11,7 +11,7 @@
 // `path=handheld` a hand adds up to 7 cm and 1.5 degrees. `poses=unknown` hides its poses.
 //
 // Space. World z is up, metres. The rig's frame is a camera's (x right, y down, z forward) whose z
-// axis meets the world's origin at SV_SIM_DISTANCE_M; every sub-view is aimed at that point.
+// axis meets the world's origin at the scene's distance; every sub-view is aimed at that point.
 #ifndef SV_SIM_SIM_H
 #define SV_SIM_SIM_H
 
@@ -33,7 +33,7 @@ extern "C" {
 #endif
 
 #define SV_SIM_EPOCH_NS    SV_NS_PER_S // the virtual clock's first reading
-#define SV_SIM_DISTANCE_M  4.0
+#define SV_SIM_DISTANCE_M  4.0         // of the rig from the center of most scenes
 #define SV_SIM_CAP_CAMERAS 3
 #define SV_SIM_CAP_BUFFERS 16
 #define SV_SIM_CAP_FAULTS  8
@@ -168,6 +168,8 @@ sv_sim_config sv_sim_defaults(void);
 // "thin,rig=stereo,fps=15,fault=unplug:1:20+dup". On failure `out` is untouched and the sentence
 // lists the alternatives.
 sv_status sv_sim_parse(sv_sim_config *out, const char *spec, sv_err *err) SV_MUST_USE;
+// Distance of the rig from the scene's center, which all sub-views are aimed at.
+double sv_sim_distance_m(const sv_sim_config *cfg);
 // One line a scene ("sim:textured  five solids ..."), then the options.
 void sv_sim_list(sv_str *out);
 

@@ -14,4 +14,7 @@
 // whose focal lengths differ by more than this need Mip-Splatting's compensation.
 #define SV_MIP_FOCAL_RATIO 1.5f
 
+// Radii of the scene about its center; what is beyond is background (src/train/reach.h).
+#define SV_REACH_RADII 10.0f
+
 #endif

@@ -6,6 +6,7 @@
 
 #include "src/base/mathx.h"
 #include "src/base/vec.h"
+#include "src/splat/constants.h"
 #include "src/splat/neighbours.h"
 
 #define CAP_GAUSSIANS 4000000
@@ -128,6 +129,15 @@ static void place(const sv_init_cfg *cfg, const sv_point *point, int n_points, i
   }
 }
 
+// Of a Gaussian at the start, from its neighbors' distance: what is far beyond the scene may be as
+// large as it looks.
+static double largest(const sv_init_cfg *cfg, const float at[3]) {
+  double e[3];
+  for (int k = 0; k < 3; k++) e[k] = (double)at[k] - (double)cfg->centre[k];
+  const double d = sv_norm3(e), radius = (double)cfg->radius;
+  return d > (double)SV_REACH_RADII * radius ? 0.1 * d : 0.1 * radius;
+}
+
 sv_status sv_gaussians_fill(sv_gaussians *g, const sv_init_cfg *cfg, const sv_point *point, int n_points,
                             sv_arena *scratch) {
   if (cfg->kind == SV_INIT_POINTS && n_points < 1) return SV_E_ARG;
@@ -142,7 +152,7 @@ sv_status sv_gaussians_fill(sv_gaussians *g, const sv_init_cfg *cfg, const sv_po
   }
   float logit = (float)sv_log((double)cfg->opacity / (1.0 - (double)cfg->opacity));
   for (int i = 0; s == SV_OK && i < g->n; i++) {
-    double d = sqrt(f.dist2[i] > 1e-14f ? (double)f.dist2[i] : 1e-14), max = 0.1 * (double)cfg->radius;
+    double d = sqrt(f.dist2[i] > 1e-14f ? (double)f.dist2[i] : 1e-14), max = largest(cfg, f.xyz + 3 * i);
     sv_gaussian v = {.quat_wxyz = {1, 0, 0, 0}, .opacity_logit = logit};
     float scale = (float)sv_log((d < max ? d : max) * (double)cfg->scale_factor);
     for (int k = 0; k < 3; k++) {

@@ -14,6 +14,7 @@
 #include "src/train/appearance.h"
 #include "src/train/mask.h"
 #include "src/train/optimize.h"
+#include "src/train/reach.h"
 #include "src/train/supersample.h"
 
 #define BLOCKS_PER_TASK 64
@@ -67,7 +68,7 @@ static job blocks_job(sv_trainer *t) {
 
 static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK; }
 
-// A block's gradients of the last picture. Returns the touched lanes.
+// A block's gradients of the last picture, in the units of the steps. Returns the touched lanes.
 static uint32_t gradients_of(const job *j, int b, int i_thread, float *grad) {
   const sv_trainer *t = j->t;
   uint32_t touched = sv_render_bwd_block(&t->render, b, i_thread, NULL,
@@ -75,6 +76,10 @@ static uint32_t gradients_of(const job *j, int b, int i_thread, float *grad) {
   if (t->cfg.is_rolling) sv_train_roll_bwd(t, b, touched, grad, NULL);
   else if (b < t->render.n_moved_blocks && SV_TRAIN_HAS(t, pull_back))
     t->hooks->pull_back(t->hooked, b, touched, grad);
+  float factor[16];
+  const uint32_t beyond =
+      touched ? sv_reach_beyond(t, t->g.param + (size_t)b * (size_t)t->g.n_rows * 16, factor) : 0;
+  sv_reach_scale(beyond, factor, grad);
   return touched;
 }
 

@@ -8,6 +8,7 @@
 
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
+#include "src/train/reach.h"
 
 #define BLOCKS_PER_TASK SV_TRAIN_TASK_BLOCKS
 #define ERR_KEEP        0.9f // running mean of the blended error over the views that see a Gaussian
@@ -100,6 +101,12 @@ static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / 
 // 1e-3.
 #define NOISE_BELOW -2.5f
 
+// Those of a block that are beyond reach (reach.h).
+typedef struct {
+  uint32_t lanes;
+  float factor[16]; // read where `lanes` has one only
+} far_lanes;
+
 // Gaussians of a task that get position noise, sixteen at a time: few of a block do.
 typedef struct {
   float p[SV_ROW_SH][16], eta[3][16];
@@ -115,7 +122,10 @@ static void add_position_noise(const job *j, noise_batch *w) {
   w->n = 0;
 }
 
-static void add_to_noise_batch(const job *j, int block, uint32_t on, float *p, noise_batch *w) {
+// far: how many reaches a Gaussian is away. Noise is in units of sigma^2, which grows with the
+// square of the distance.
+static void add_to_noise_batch(const job *j, int block, uint32_t on, float *p, const far_lanes *far,
+                               noise_batch *w) {
   for (; on; on &= on - 1) {
     const int k = __builtin_ctz(on), i = w->n;
 #pragma GCC unroll 11
@@ -123,6 +133,7 @@ static void add_to_noise_batch(const job *j, int block, uint32_t on, float *p, n
     for (uint32_t a = 0; a < 3; a++)
       w->eta[a][i] =
           sv_hash_normal(sv_hash3((uint32_t)(block * 16 + k), j->t->step, (uint32_t)j->t->cfg.seed * 4u + a));
+    for (int a = 0; far->lanes >> k & 1 && a < 3; a++) w->eta[a][i] /= far->factor[k];
     w->mean[i] = p + 16 * SV_ROW_MEAN + k;
     if (++w->n == 16) add_position_noise(j, w);
   }
@@ -159,23 +170,49 @@ static inline __attribute__((always_inline)) void prefetch_lines(const void *blo
 
 // Gradients and blended errors of a block, and the lanes that have them.
 typedef struct {
-  const float *grad, *err;
+  float *grad;
+  const float *err;
   uint32_t touched, has_err;
 } block_grads;
 
+// Of Gaussians beyond reach: gradients of means in units of their distance, and the regularization
+// of their scales, too.
+static void scale_gradients(const job *j, const far_lanes *far, const float *p, float *grad) {
+  sv_reach_scale(far->lanes, far->factor, grad);
+  for (uint32_t on = far->lanes; on; on &= on - 1) {
+    const int k = __builtin_ctz(on);
+    for (int row = SV_ROW_SCALE; row < SV_ROW_SCALE + 3; row++)
+      grad[16 * row + k] -=
+          j->reg.scale * (1.0f - 1.0f / far->factor[k]) * (float)sv_exp((double)p[16 * row + k]);
+  }
+}
+
+static void scale_steps(const far_lanes *far, const float old[48], float *mean) {
+  for (uint32_t on = far->lanes; on; on &= on - 1)
+    for (int i = __builtin_ctz(on); i < 48; i += 16)
+      mean[i] = old[i] + far->factor[i & 15] * (mean[i] - old[i]);
+}
+
 static void move(const job *j, int b, const block_grads *from, noise_batch *w) {
   sv_trainer *t = j->t;
-  const float *grad = from->grad;
+  float *grad = from->grad, old[48];
   const uint32_t touched = from->touched;
   size_t at = (size_t)b * (size_t)t->g.n_rows * 16;
   float *p = t->g.param + at;
+  far_lanes far;
+  far.lanes = sv_reach_beyond(t, p, far.factor) & touched;
+  if (far.lanes) {
+    memcpy(old, p + 16 * SV_ROW_MEAN, sizeof old);
+    scale_gradients(j, &far, p, grad);
+  }
   if (t->cfg.optimizer == SV_OPTIMIZER_ADAM)
     t->compute.k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
   else t->compute.k->newton(&j->newton, touched, grad, t->v + at, p, t->m + at);
+  scale_steps(&far, old, p + 16 * SV_ROW_MEAN);
   const uint32_t below =
       t->compute.k->blend_errors(j->is_error_due ? from->has_err : 0, ERR_KEEP, from->err,
                                  t->err + 16 * (size_t)b, p + 16 * SV_ROW_LOGIT, NOISE_BELOW);
-  if (j->noise_gain > 0.0f) add_to_noise_batch(j, b, below & touched, p, w);
+  if (j->noise_gain > 0.0f) add_to_noise_batch(j, b, below & touched, p, &far, w);
   if (t->floor) clamp_scales(t->floor + 16 * (size_t)b, p + 16 * SV_ROW_SCALE);
 }
 

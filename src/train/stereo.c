@@ -44,11 +44,23 @@ bool sv_stereo_pixel(const sv_train_view *v, int x, int y, float z, sv_point *ou
          back_project(&v->view, (float)x + 0.5f, (float)y + 0.5f, z, out->mean);
 }
 
+#define SHELL_KEY 17 // of the hash
+
+// Where the scene does not end and nothing was measured, it may be anywhere behind: shells by
+// inverse distance.
+static bool shell_point(const sv_trainer *t, const sv_depth_map *m, int x, int y, sv_point *out) {
+  const uint32_t u = sv_hash3((uint32_t)(y * m->view.width_px + x), (uint32_t)m->i_view, SHELL_KEY) >> 8;
+  const float w = m->w_reach * ((float)u + 1.0f) * 0x1p-24f;
+  if (!colour(&t->views[m->i_view].image, m->k, x, y, out->rgb)) return false;
+  return back_project(&m->view, (float)x + 0.5f, (float)y + 0.5f, sv_sweep_distance(m, w), out->mean);
+}
+
 typedef struct { // takes n of n_all, evenly over their order
   int64_t n_all, i_all;
   sv_point *point;
   float *const *depth; // of the cloud
   int n, n_out;
+  bool is_open; // the scene does not end
 } sampler;
 
 #define DEPTH_TOLERANCE 0.1f // of another model's depth
@@ -75,8 +87,9 @@ static void sample(const sv_trainer *t, const sv_depth_map *m, sampler *s) {
     for (int x = 0; x < m->view.width_px; x++) {
       sv_point here;
       float z;
-      if (!sv_stereo_point(t, m, x, y, &here, &z)) continue;
-      if (depth && !is_believed(depth[full_index(t, m, x, y)], z)) continue;
+      const bool is_measured = sv_stereo_point(t, m, x, y, &here, &z);
+      if (!is_measured && !(s->is_open && !(z > 0) && shell_point(t, m, x, y, &here))) continue;
+      if (is_measured && depth && !is_believed(depth[full_index(t, m, x, y)], z)) continue;
       if (!s->point) {
         s->n_all++;
         continue;
@@ -90,7 +103,7 @@ sv_status sv_stereo_points(const sv_trainer *t, const sv_bounds *bounds, sv_aren
   sv_sweep sweep;
   size_t mark = sv_arena_mark(scratch);
   sv_status s = sv_sweep_run(&sweep, t, bounds, SV_SWEEP_CAP_PX, scratch);
-  sampler all = {.n = out->cap, .depth = out->depth};
+  sampler all = {.n = out->cap, .depth = out->depth, .is_open = sweep.is_open};
   for (int i = 0; s == SV_OK && i < sweep.n; i++) sample(t, &sweep.map[i], &all);
   if (s == SV_OK && all.n_all * MIN_SHARE < out->cap) s = SV_AGAIN;
   all.point = out->point;

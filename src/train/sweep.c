@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/train/sweep_gaps.h"
 #include "src/train/transfer.h"
 
 #define CAP_K        64
@@ -24,11 +25,9 @@
 #define MIN_CORR2  0.49f // squared correlation
 // Lens images that a model told apart show its floaters, too, and these agree with each other.
 #define MIN_CORR2_LENSES 0.8f
-#define MIN_AGREE_LENSES 3         // other maps that must have the same surface
-#define CAP_GAP          10        // pixels that are filled in between measured ones
-#define EDGE             (4 * 256) // of neighbours: two surfaces
-#define LEFT             32        // columns before a row
-#define AGREE            1.5f      // planes that two maps may differ by
+#define MIN_AGREE_LENSES 3    // other maps that must have the same surface
+#define LEFT             32   // columns before a row
+#define AGREE            1.5f // planes that two maps may differ by
 
 // --- choice of views -----------------------------------------------------------------------------
 
@@ -165,15 +164,17 @@ static void choose_sources(sv_sweep *s, int i, double z) {
 
 // --- geometry ------------------------------------------------------------------------------------
 
-// Planes at equal steps of inverse depth, about a pixel apart in the view that shifts most.
+// Planes at equal steps of inverse depth, about a pixel apart in the view that shifts most, from
+// far behind the bounds to their near side.
 static void choose_planes(sv_sweep *s, int i, const sv_bounds *b) {
   sv_depth_map *m = &s->map[i];
   const sv_view *v = &m->view;
   float zc = v->fisheye ? sv_view_distance(v, b->centre)
                         : v->r[6] * b->centre[0] + v->r[7] * b->centre[1] + v->r[8] * b->centre[2] + v->t[2];
   float near = sv_maxf(0.4f * zc, 0.1f * b->radius), far = sv_maxf(zc, 0) + 8 * b->radius, most = 1;
-  m->w0 = 1 / far;
-  float span = 1 / near - m->w0;
+  m->w_reach = m->w0 = 1 / far;
+  m->w_near = 1 / near;
+  float span = m->w_near - m->w0;
   for (int k = 0; k < m->n_sources; k++) {
     sv_transfer q = sv_transfer_make(&s->map[m->source[k]].view, v);
     float x = 0.5f * (float)v->width_px, y = 0.5f * (float)v->height_px, from[3], to[3];
@@ -185,6 +186,19 @@ static void choose_planes(sv_sweep *s, int i, const sv_bounds *b) {
   }
   m->n_planes = sv_clampi((int)(most + 1.5f), 16, SV_SWEEP_CAP_PLANES);
   m->dw = span / (float)(m->n_planes - 1);
+}
+
+// The planes behind those alone. The first is a neighbor of that at infinity.
+static void choose_far_planes(sv_depth_map *m) {
+  m->n_planes = (int)(m->w_reach / m->dw) + 3;
+  m->w0 = -m->dw;
+}
+
+// Both.
+static void choose_all_planes(sv_depth_map *m) {
+  m->n_planes = sv_mini(m->n_planes + (int)(m->w_reach / m->dw) + 2, SV_SWEEP_CAP_PLANES);
+  m->dw = m->w_near / (float)(m->n_planes - 2);
+  m->w0 = -m->dw;
 }
 
 // --- pictures ------------------------------------------------------------------------------------
@@ -216,6 +230,7 @@ typedef struct {
   float *ray[3]; // points of depth 1 in the camera's frame, where a fisheye takes part
   float *ref, *warped[SV_SWEEP_CAP_SOURCES], *is_in[SV_SWEEP_CAP_SOURCES];
   float *mean, *norm, *last, *best, *before, *after, *plane;
+  int n_structured, n_matched; // pixels that a depth was looked for, and that have one
 } lane;
 
 typedef struct {
@@ -223,6 +238,7 @@ typedef struct {
   sv_sweep *s;
   lane *lanes;
   int cap_stride, bands_of_map;
+  int band_step; // one band of so many is looked at
 } job;
 
 typedef struct { // what one task does
@@ -237,6 +253,7 @@ typedef struct { // what one task does
 static int stride_of(int width_px) { return (width_px + 15) / 16 * 16 + 2 * LEFT; }
 
 static void carve_lane(lane *l, int stride, sv_arena *a) {
+  l->n_structured = l->n_matched = 0;
   float **low[] = {&l->mean, &l->norm, &l->last, &l->best, &l->before, &l->after, &l->plane};
   for (int i = 0; i < 3; i++) l->ray[i] = SV_TAKE(a, float, ROWS *stride);
   l->ref = SV_TAKE(a, float, ROWS *stride);
@@ -328,6 +345,7 @@ static void describe(band *b) {
                      dx * dx + dy * dy > MIN_SLOPE2;
       l->mean[at] = s[0] * (1 / SV_SWEEP_WINDOW);
       l->norm[at] = is_used ? 1 / dev : 0;
+      l->n_structured += is_used;
       if (is_used) {
         first = sv_mini(first, x);
         last = sv_maxi(last, x);
@@ -362,7 +380,7 @@ static void match(const band *b, int plane) {
 
 static void write_codes(const band *b, const sv_image_u8 *im) {
   const sv_depth_map *m = b->m;
-  const lane *l = b->l;
+  lane *l = b->l;
   const int w = m->view.width_px;
   for (int i = 0; i < BAND && b->y0 + i < m->view.height_px; i++) {
     uint16_t *out = m->code + (size_t)(b->y0 + i) * (size_t)w;
@@ -375,6 +393,7 @@ static void write_codes(const band *b, const sv_image_u8 *im) {
       if (!sv_image_counts(im, m->k, x, b->y0 + i)) continue;
       if (curvature > 1e-6f) p += sv_clampf(0.5f * (after - before) / curvature, -0.5f, 0.5f);
       out[x] = (uint16_t)(1.5f + 256 * p);
+      l->n_matched++;
     }
   }
 }
@@ -392,7 +411,7 @@ static void sweep_task(void *arg, int i_task, int i_thread) {
             .m = m,
             .l = l,
             .min_corr2 = j->t->cfg.has_lens_views ? MIN_CORR2_LENSES : MIN_CORR2,
-            .y0 = i_task % j->bands_of_map * BAND,
+            .y0 = i_task % j->bands_of_map * j->band_step * BAND,
             .stride = stride_of(m->view.width_px)};
   sv_transfer q[SV_SWEEP_CAP_SOURCES];
   const int n = BAND * b.stride;
@@ -458,41 +477,41 @@ static void confirm_task(void *arg, int i_task, int i_thread) {
 
 // --- between -------------------------------------------------------------------------------------
 
-// A gap between two measured places: on one surface what lies between, at an edge the one behind.
-static uint16_t between(uint16_t a, uint16_t b, int at, int gap) {
-  int d = (int)b - (int)a;
-  if (d > EDGE || d < -EDGE) return a < b ? a : b;
-  return (uint16_t)((int)a + d * (at + 1) / (gap + 1));
-}
-
-// Fills the gaps of a line of `n` pixels, `step` apart, from the measured ones in `from`.
-static void fill_line(const uint16_t *from, uint16_t *to, int n, int step) {
-  int last = -1;
-  for (int i = 0; i < n; i++) {
-    if (!from[i * step]) continue;
-    int gap = i - last - 1;
-    for (int k = 0; last >= 0 && k < gap && gap <= CAP_GAP; k++) {
-      uint16_t c = between(from[last * step], from[i * step], k, gap), *at = &to[(last + 1 + k) * step];
-      *at = *at ? between(*at, c, 0, 1) : c;
-    }
-    last = i;
-  }
-}
-
 static void fill_task(void *arg, int i_task, int i_thread) {
-  sv_depth_map *m = &((job *)arg)->s->map[i_task];
-  const int w = m->view.width_px, h = m->view.height_px;
   (void)i_thread;
-  memset(m->code, 0, (size_t)w * (size_t)h * sizeof *m->code);
-  for (int y = 0; y < h; y++) fill_line(m->grey + y * w, m->code + y * w, w, 1);
-  for (int x = 0; x < w; x++) fill_line(m->grey + x, m->code + x, h, w);
-  for (int i = 0; i < w * h; i++)
-    if (m->grey[i]) m->code[i] = m->grey[i];
+  sv_sweep_fill_gaps(&((job *)arg)->s->map[i_task]);
+}
+
+float sv_sweep_distance(const sv_depth_map *m, float inverse) {
+  return 1.0f / (m->w0 < 0 ? sv_maxf(inverse, m->dw) : inverse);
 }
 
 float sv_sweep_depth(const sv_depth_map *m, int x, int y) {
   uint16_t c = m->code[(size_t)y * (size_t)m->view.width_px + (size_t)x];
-  return c ? 1.0f / inverse_depth(m, c) : 0.0f;
+  return c ? sv_sweep_distance(m, inverse_depth(m, c)) : 0.0f;
+}
+
+// --- scenes that do not end ----------------------------------------------------------------------
+
+#define PROBE_STEP 4     // one band of so many is probed
+#define OPEN_SHARE 0.25f // of what has structure there, matches on far planes alone
+
+// Whether much of what the views see is farther than the planes of a scene that ends.
+static bool is_open(job *j) {
+  const sv_trainer *t = j->t;
+  const int bands_of_map = j->bands_of_map;
+  int n_structured = 0, n_matched = 0;
+  for (int i = 0; i < j->s->n; i++) choose_far_planes(&j->s->map[i]);
+  j->band_step = PROBE_STEP;
+  j->bands_of_map = (bands_of_map + PROBE_STEP - 1) / PROBE_STEP;
+  sv_pool_run(t->compute.pool, sweep_task, j, j->s->n * j->bands_of_map);
+  j->band_step = 1;
+  j->bands_of_map = bands_of_map;
+  for (int i = 0; i < t->cfg.n_threads; i++) {
+    n_structured += j->lanes[i].n_structured;
+    n_matched += j->lanes[i].n_matched;
+  }
+  return (float)n_matched > OPEN_SHARE * (float)n_structured;
 }
 
 // --- all of it -----------------------------------------------------------------------------------
@@ -549,6 +568,11 @@ sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds
   }
   for (int i = 0; i < t->cfg.n_threads; i++) carve_lane(&j.lanes[i], j.cap_stride, scratch);
   if (scratch->status < 0) return scratch->status;
+  s->is_open = is_open(&j);
+  for (int i = 0; i < s->n; i++) {
+    choose_planes(s, i, bounds);
+    if (s->is_open) choose_all_planes(&s->map[i]);
+  }
   sv_pool_run(t->compute.pool, sweep_task, &j, s->n * j.bands_of_map);
   sv_pool_run(t->compute.pool, confirm_task, &j, s->n);
   sv_pool_run(t->compute.pool, fill_task, &j, s->n);

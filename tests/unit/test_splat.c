@@ -133,11 +133,12 @@ static void check_common(const sv_gaussians *g) {
   sv_gaussian v;
   for (int i = 0; i < g->n; i++) {
     sv_gaussians_get(g, i, &v);
+    const double at[3] = {(double)v.mean[0], (double)v.mean[1], (double)v.mean[2]};
     assert_true(fabs((double)v.opacity_logit - log(0.1 / 0.9)) < 1e-5);
     assert_true(v.quat_wxyz[0] == 1 && v.quat_wxyz[1] == 0 && v.quat_wxyz[2] == 0 && v.quat_wxyz[3] == 0);
     for (int k = 0; k < 3; k++)
-      assert_true(isfinite(v.mean[k]) && v.log_scale[k] == v.log_scale[0] && v.log_scale[k] < 0.0f &&
-                  v.log_scale[k] > -17.0f);
+      assert_true(isfinite(v.mean[k]) && v.log_scale[k] == v.log_scale[0] && v.log_scale[k] > -17.0f &&
+                  (double)v.log_scale[k] < fmax(0, log(0.1 * sv_norm3(at))));
     for (int k = 3; k < 12; k++) assert_true(v.sh[k / 3][k % 3] == 0);
   }
 }

@@ -131,6 +131,30 @@ TEST(test_threads) {
   }
 }
 
+static double distance(const sv_point *p) {
+  return sqrt((double)p->mean[0] * p->mean[0] + (double)p->mean[1] * p->mean[1] +
+              (double)p->mean[2] * p->mean[2]);
+}
+
+// A scene that does not end: its far side is measured, too, and what was not measured lies on
+// shells behind. One that ends has no such points.
+TEST(test_far_field) {
+  int n_far = 0;
+  open_views("field,rig=stereo,size=160x120", 8, 2);
+  outcome o = measure(8000);
+  for (int i = 0; i < o.n; i++) n_far += distance(&point[i]) > 5;
+  print_message("far field: %d of %d points farther than 5 m, median error %.2f %%, %.1f %% off\n", n_far,
+                o.n, 100 * o.median, 100 * o.wrong);
+  assert_int_equal(o.n, 8000);
+  // at 50 m a pixel of parallax is a third of the depth
+  assert_true(n_far > o.n / 2 && o.median < 0.25);
+  world_close(&w);
+  open_views("room,rig=stereo,size=160x120", 8, 2);
+  o = measure(8000);
+  for (int i = 0; i < o.n; i++) assert_true(distance(&point[i]) < 25);
+  world_close(&w);
+}
+
 // More views than maps: groups of neighbours, all of which find something.
 TEST(test_more_views_than_maps) {
   open_views("textured,rig=stereo,size=64x64", 40, 2);
@@ -185,6 +209,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_rigs),
       cmocka_unit_test(test_threads),
+      cmocka_unit_test(test_far_field),
       cmocka_unit_test(test_more_views_than_maps),
       cmocka_unit_test(test_nothing_to_compare),
       cmocka_unit_test(test_memory),

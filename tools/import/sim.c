@@ -289,7 +289,7 @@ static sv_view view_from(const job *j, const double direction[3], int i) {
   double eye[3], at[3] = {0, 0, 0}, up[3] = {0, 0, 1};
   const double *p = j->sim.rig.sub_views[0].model.p;
   sv_pose pose;
-  for (int k = 0; k < 3; k++) eye[k] = SV_SIM_DISTANCE_M * direction[k] / sv_norm3(direction);
+  for (int k = 0; k < 3; k++) eye[k] = sv_sim_distance_m(&j->sim.cfg) * direction[k] / sv_norm3(direction);
   (void)sv_pose_look_at(&pose, eye, at, up);
   sv_view v = sv_view_make(j->sim.cfg.width_px, j->sim.cfg.height_px, p, &pose);
   v.i_exposure = -1;
@@ -305,7 +305,7 @@ static sv_status write_test_near(job *j) {
   sv_view first;
   sv_sim_view(&j->sim, 0, 0, &first, &time_s);
   sv_view_centre(eye, &first);
-  for (int k = 0; k < 3; k++) axis[k] = (double)eye[k] / SV_SIM_DISTANCE_M;
+  for (int k = 0; k < 3; k++) axis[k] = (double)eye[k] / sv_sim_distance_m(&j->sim.cfg);
   sv_cross3(right, up, axis);
   double n = sv_norm3(right);
   for (int k = 0; k < 3; k++) right[k] /= n;
