@@ -26,6 +26,7 @@
 #define LOOK_NS    (50 * SV_NS_PER_MS)
 #define HANG_NS    (5 * SV_NS_PER_S) // without a beat
 #define READY_NS   (3 * SV_NS_PER_S)
+#define LOOKED_NS  (2 * SV_NS_PER_S)    // after the last request for a camera's full view
 #define RESTART_NS (100 * SV_NS_PER_MS) // from one start to the next at least
 
 extern char **environ;
@@ -112,8 +113,24 @@ static bool read_board(sv_linux_preview *l) {
   return true;
 }
 
+static void look_at(sv_linux_preview *l) {
+  uint8_t i;
+  const size_t n = sizeof l->looked_until_ns / sizeof *l->looked_until_ns;
+  if (read(l->pipe_fd[0], &i, 1) == 1 && i < n) l->looked_until_ns[i] = now_ns() + LOOKED_NS;
+}
+
+static uint32_t looked_at(void *self) {
+  const sv_linux_preview *l = self;
+  const sv_ns now = now_ns();
+  uint32_t cameras = 0;
+  for (uint32_t i = 0; i < sizeof l->looked_until_ns / sizeof *l->looked_until_ns; i++)
+    cameras |= (uint32_t)(now < l->looked_until_ns[i]) << i;
+  return cameras;
+}
+
 static sv_command command_of(sv_linux_preview *l, char byte) {
   switch (byte) {
+  case SV_PREVIEW_LOOK: look_at(l); return SV_COMMAND_NONE;
   case SV_PREVIEW_START: return SV_COMMAND_START;
   case SV_PREVIEW_PAUSE: return SV_COMMAND_PAUSE;
   case SV_PREVIEW_SAVE: return SV_COMMAND_SAVE;
@@ -238,6 +255,7 @@ void sv_linux_preview_publish(sv_linux_preview *l, sv_publish *p) {
   p->feed = &l->feed;
   p->self = l;
   p->command = next_command;
+  p->looked_at = looked_at;
 }
 
 void sv_linux_preview_close(sv_linux_preview *l) {

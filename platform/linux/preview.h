@@ -23,9 +23,11 @@
 // With four bytes: columns and rows of inner corners, and the side of a square in units of 0.1 mm,
 // the high byte first. All five in one write.
 #define SV_PREVIEW_CALIBRATE 'c'
-#define SV_PREVIEW_NORMAL    '1' // before Start
-#define SV_PREVIEW_DRAFT     '2'
-#define SV_PREVIEW_FINE      '3'
+// With a byte, the camera's number, both in one write: somebody looks at it in full view.
+#define SV_PREVIEW_LOOK   'w'
+#define SV_PREVIEW_NORMAL '1' // before Start
+#define SV_PREVIEW_DRAFT  '2'
+#define SV_PREVIEW_FINE   '3'
 
 typedef struct {
   sv_feed feed;
@@ -41,6 +43,7 @@ typedef struct {
   sv_ns started_ns, beat_ns, next_start_ns, next_look_ns;
   bool is_served, is_refused;
   uint32_t n_restarts;
+  sv_ns looked_until_ns[32]; // of each camera
   struct {
     int n_cols, n_rows;
     double spacing_m;

@@ -28,7 +28,9 @@ sv_status pv_pictures_open(pv_source *s, sv_err *err) {
   s->tiles = calloc(1, sizeof *s->tiles);
   s->picture_cap = sizeof(sv_feed_picture) + 3u * SV_FEED_CAP_PICTURE_W * SV_FEED_CAP_PICTURE_H;
   s->picture = malloc(s->picture_cap);
-  if (!p.block || !p.canvas || !p.jpeg || !s->tiles || !s->picture)
+  s->view_cap = sizeof(sv_feed_view) + 3u * SV_FEED_CAP_VIEW_W * SV_FEED_CAP_VIEW_H;
+  s->view = malloc(s->view_cap);
+  if (!p.block || !p.canvas || !p.jpeg || !s->tiles || !s->picture || !s->view)
     return sv_fail(err, SV_E_NOMEM, "no memory for images");
   sv_arena a = sv_arena_make(p.block, bytes);
   sv_status r = sv_codec_init(&p.codec, &cfg, &a);
@@ -109,4 +111,25 @@ pv_blob *pv_picture_jpeg(pv_source *s) {
     s->jpeg = b;
   }
   return s->jpeg;
+}
+
+// The feed has one view at a time, of whichever camera: each is kept until its next one.
+pv_blob *pv_camera_jpeg(pv_source *s, int i) {
+  pictures *p = s->codec;
+  size_t bytes;
+  const sv_feed_view *v = (const sv_feed_view *)s->view;
+  if (sv_feed_read(&s->reader, SV_FEED_VIEW, &s->view_seq, s->view, s->view_cap, &bytes) == SV_OK) {
+    const bool is_whole = v->i_camera >= 0 && v->i_camera < SV_FEED_CAP_TILES && v->width_px > 0 &&
+                          v->height_px > 0 && v->width_px <= SV_FEED_CAP_VIEW_W &&
+                          v->height_px <= SV_FEED_CAP_VIEW_H &&
+                          bytes == sizeof *v + 3 * (size_t)v->width_px * (size_t)v->height_px;
+    const size_t n = is_whole ? encode(p, (const uint8_t *)(v + 1), v->width_px, v->height_px) : 0;
+    pv_blob *b = n ? pv_blob_make(n, s->view_seq) : NULL;
+    if (b) {
+      memcpy(b->data, p->jpeg, n);
+      pv_blob_drop(s->camera[v->i_camera]);
+      s->camera[v->i_camera] = b;
+    }
+  }
+  return s->camera[i];
 }

@@ -9,6 +9,7 @@
 //   GET  /state       JSON: what the runtime does; /curve /events: its history; /calibration
 //   GET  /stream      the same as server-sent events, four a second
 //   GET  /cameras     all cameras' thumbnails as one picture, multipart/x-mixed-replace JPEG
+//   GET  /camera?i=N  camera N as large as the feed has it; 404 until the runtime has published it
 //   GET  /picture.jpg a training picture beside its rendering, made by the device
 //   GET  /model       the Gaussians, compact (model.c); 204 when ?after=N is the newest
 //   GET  /model.ply /model.splat /model.spz   downloads
@@ -60,13 +61,15 @@ typedef enum { PV_PLY, PV_SPLAT, PV_SPZ, PV_N_FILES } pv_file;
 typedef struct {
   sv_feed_reader reader;
   sv_feed_state state;
-  uint64_t state_seq, tiles_seq, model_seq, picture_seq;
+  uint64_t state_seq, tiles_seq, model_seq, picture_seq, view_seq;
   sv_feed_tiles *tiles;
-  uint8_t *model, *picture; // a snapshot each
-  size_t model_cap, picture_cap;
-  pv_blob *mosaic;  // a part of /cameras
-  pv_blob *compact; // /model
-  pv_blob *jpeg;    // /picture.jpg
+  uint8_t *model, *picture, *view; // a snapshot each
+  size_t model_cap, picture_cap, view_cap;
+  pv_blob *mosaic;                         // a part of /cameras
+  pv_blob *compact;                        // /model
+  pv_blob *jpeg;                           // /picture.jpg
+  pv_blob *camera[SV_FEED_CAP_TILES];      // /camera
+  int64_t next_look_ns[SV_FEED_CAP_TILES]; // when the runtime is told again that it is looked at
   pv_blob *file[PV_N_FILES];
   void *codec; // sv_codec of the pictures
   int stale_s; // seconds without progress, 0: the run is well
@@ -95,6 +98,8 @@ bool pv_mosaic_read(pv_source *s);
 void pv_mosaic_grid(int n_tiles, int *n_columns, int *n_rows);
 // The newest picture as JPEG, NULL: there is none.
 pv_blob *pv_picture_jpeg(pv_source *s);
+// The newest full view of camera i as JPEG, NULL: there is none.
+pv_blob *pv_camera_jpeg(pv_source *s, int i);
 // The newest Gaussians: the compact form or a file. NULL: there are none.
 pv_blob *pv_model_compact(pv_source *s);
 pv_blob *pv_model_file(pv_source *s, pv_file kind);

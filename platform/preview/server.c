@@ -365,6 +365,19 @@ static enum MHD_Result get_model(pv_server *s, struct MHD_Connection *c) {
   return send_blob(c, b, "application/octet-stream", NULL);
 }
 
+// Looking is reading, so that it needs no control; the runtime is told a few times a second.
+static enum MHD_Result get_camera(pv_server *s, struct MHD_Connection *c) {
+  const char *text = MHD_lookup_connection_value(c, MHD_GET_ARGUMENT_KIND, "i");
+  pv_source *p = s->cfg.source;
+  long long i;
+  if (!text || !sv_parse_int(text, strlen(text), &i) || i < 0 || i >= SV_FEED_CAP_TILES)
+    return say(c, MHD_HTTP_BAD_REQUEST, "expected i=N, the number of a camera\n");
+  const uint8_t look[2] = {SV_PREVIEW_LOOK, (uint8_t)i};
+  if (now_ns() >= p->next_look_ns[i] && write(s->cfg.command_fd, look, 2) == 2)
+    p->next_look_ns[i] = now_ns() + SV_NS_PER_S / 2;
+  return send_blob(c, pv_camera_jpeg(p, (int)i), "image/jpeg", NULL);
+}
+
 static enum MHD_Result get(pv_server *s, struct MHD_Connection *c, const char *url) {
   pv_source *p = s->cfg.source;
   const pv_page *page;
@@ -384,9 +397,9 @@ static enum MHD_Result get(pv_server *s, struct MHD_Connection *c, const char *u
     const pv_answer a = pv_scan_get(p, url, header(c, "Range"));
     return finish(c, a.code, a.response, a.type);
   }
-  static const char *const data[] = {"/state",       "/curve",       "/events",     "/stream",
-                                     "/cameras",     "/picture.jpg", "/model",      "/model.ply",
-                                     "/model.splat", "/model.spz",   "/calibration"};
+  static const char *const data[] = {"/state",       "/curve",       "/events", "/stream",
+                                     "/cameras",     "/picture.jpg", "/model",  "/model.ply",
+                                     "/model.splat", "/model.spz",   "/camera", "/calibration"};
   size_t i = 0;
   while (i < sizeof data / sizeof *data && strcmp(url, data[i])) i++;
   if (i == sizeof data / sizeof *data) return say(c, MHD_HTTP_NOT_FOUND, "no such page\n");
@@ -402,6 +415,7 @@ static enum MHD_Result get(pv_server *s, struct MHD_Connection *c, const char *u
   case 7: return send_blob(c, pv_model_file(p, PV_PLY), "application/octet-stream", "ply");
   case 8: return send_blob(c, pv_model_file(p, PV_SPLAT), "application/octet-stream", "splat");
   case 9: return send_blob(c, pv_model_file(p, PV_SPZ), "application/octet-stream", "spz");
+  case 10: return get_camera(s, c);
   default: return send_json(s, c, pv_calibration_json);
   }
 }

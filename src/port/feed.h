@@ -20,12 +20,14 @@
 #include "src/port/heartbeat.h"
 
 #define SV_FEED_MAGIC   0x64656673u // "sfed"
-#define SV_FEED_VERSION 5u
+#define SV_FEED_VERSION 6u
 
 #define SV_FEED_CAP_CAMERAS   64  // listed
 #define SV_FEED_CAP_TILES     16  // with a thumbnail
 #define SV_FEED_TILE_W        192 // largest thumbnail
 #define SV_FEED_TILE_H        144
+#define SV_FEED_CAP_VIEW_W    640 // largest image of a camera in full view
+#define SV_FEED_CAP_VIEW_H    480
 #define SV_FEED_CAP_PICTURE_W 1280 // largest device-side rendering
 #define SV_FEED_CAP_PICTURE_H 480
 #define SV_FEED_CAP_POINTS    512
@@ -44,6 +46,7 @@ typedef enum {
   SV_FEED_CURVE,       // sv_feed_curve
   SV_FEED_EVENTS,      // sv_feed_events
   SV_FEED_CALIBRATION, // sv_feed_calibration
+  SV_FEED_VIEW,        // sv_feed_view, then its pixels
   SV_FEED_N_CHANNELS
 } sv_feed_channel;
 
@@ -157,6 +160,11 @@ typedef struct {
   int32_t width_px, height_px; // rgb follows, rows packed: captured image beside its rendering
   uint32_t step, reserved;
 } sv_feed_picture;
+
+// A camera that somebody looks at in full view; several take turns.
+typedef struct {
+  int32_t i_camera, width_px, height_px, reserved; // rgb follows, rows packed
+} sv_feed_view;
 
 typedef struct {
   float seconds, loss, psnr, steps_per_s;

@@ -263,6 +263,8 @@ typedef struct {
   void (*image)(void *self, const char *name, int width_px, int height_px, const uint8_t *rgb);
   struct sv_feed *feed;              // src/port/feed.h; NULL: no preview
   sv_command (*command)(void *self); // the next command or NONE; may be NULL
+  // A bit for each camera that somebody looks at in full view. NULL: none.
+  uint32_t (*looked_at)(void *self);
 } sv_publish;
 
 // --- display -------------------------------------------------------------------------------------

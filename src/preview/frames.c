@@ -6,6 +6,7 @@
 
 #define TILE_PERIOD_S  0.12
 #define TILES_PERIOD_S 0.06
+#define VIEW_PERIOD_S  0.2
 #define COUNT_PERIOD_S 0.2
 
 static double machine_s(const sv_preview *l) {
@@ -49,6 +50,24 @@ static void publish_tile(sv_preview *l, int i, int w, int h, double now) {
   sv_feed_commit(l->feed, SV_FEED_TILES, bytes);
 }
 
+// --- a camera in full view -----------------------------------------------------------------------
+
+static bool is_view_due(const sv_preview *l, int i, double now) {
+  return i < SV_FEED_CAP_TILES && (l->looked_at >> i & 1) && now >= l->cameras[i].next_view_s;
+}
+
+static void show_view(sv_preview *l, const sv_frame *f, double now) {
+  if (!is_view_due(l, f->i_camera, now)) return;
+  sv_feed_view *v = sv_feed_begin(l->feed, SV_FEED_VIEW);
+  int w, h;
+  l->cameras[f->i_camera].next_view_s = now + VIEW_PERIOD_S;
+  if (!sv_preview_thumbnail(f, SV_FEED_CAP_VIEW_W, SV_FEED_CAP_VIEW_H, (uint8_t *)(v + 1), &w, &h)) return;
+  *v = (sv_feed_view){.i_camera = f->i_camera, .width_px = w, .height_px = h};
+  sv_feed_commit(l->feed, SV_FEED_VIEW, sizeof *v + 3 * (size_t)w * (size_t)h);
+}
+
+// --- frames --------------------------------------------------------------------------------------
+
 void sv_preview_frame(sv_preview *l, const sv_frame *f) {
   if (!l->feed || f->i_camera < 0 || f->i_camera >= l->cfg.n_cameras) return;
   sv_preview_camera *c = &l->cameras[f->i_camera];
@@ -56,7 +75,9 @@ void sv_preview_frame(sv_preview *l, const sv_frame *f) {
   c->fps = sv_camera_stat_fps(&c->stat);
   double now = machine_s(l);
   copy_counts(l, now);
-  if (l->is_coded || f->i_camera >= l->tiles->n || f->is_error || now < c->next_tile_s) return;
+  if (l->is_coded || f->i_camera >= l->tiles->n || f->is_error) return;
+  show_view(l, f, now);
+  if (now < c->next_tile_s) return;
   int w, h;
   if (sv_preview_thumbnail(f, SV_FEED_TILE_W, SV_FEED_TILE_H, l->tiles->rgb[f->i_camera], &w, &h))
     publish_tile(l, f->i_camera, w, h, now);
@@ -72,7 +93,9 @@ void sv_preview_decoded(sv_preview *l, int i_camera, const sv_image_u8 *image) {
                 .data = image->px};
   double now = machine_s(l);
   int w, h;
-  if (i_camera >= l->tiles->n || now < l->cameras[i_camera].next_tile_s) return;
+  if (i_camera >= l->tiles->n) return;
+  show_view(l, &f, now);
+  if (now < l->cameras[i_camera].next_tile_s) return;
   if (sv_preview_thumbnail(&f, SV_FEED_TILE_W, SV_FEED_TILE_H, l->tiles->rgb[i_camera], &w, &h))
     publish_tile(l, i_camera, w, h, now);
 }
@@ -95,7 +118,8 @@ void sv_preview_decode(sv_preview *l, const sv_frame *f) {
   sv_image_u8 image;
   sv_err err;
   if (!l->is_coded || f->i_camera >= l->tiles->n) return;
-  if (machine_s(l) < l->cameras[f->i_camera].next_tile_s) return;
+  const double now = machine_s(l);
+  if (now < l->cameras[f->i_camera].next_tile_s && !is_view_due(l, f->i_camera, now)) return;
   if (sv_convert_frame(&l->cfg.exposures->convert, f, l->cfg.k, &l->cfg.port->pool, &image, &err) >= 0)
     sv_preview_decoded(l, f->i_camera, &image);
   sv_convert_forget(&l->cfg.exposures->convert);

@@ -446,6 +446,7 @@ static void publish_due(sv_preview *l) {
 static sv_command next_command(sv_preview *l) {
   const sv_publish *p = &l->cfg.port->publish;
   sv_command c = p->command ? p->command(p->self) : SV_COMMAND_NONE;
+  if (p->looked_at) l->looked_at = p->looked_at(p->self);
   if (c == SV_COMMAND_NEW) l->is_new_requested = l->is_session;
   // The cameras are free before and after a run
   if (c == SV_COMMAND_CALIBRATE && (l->status == SV_FEED_STATUS_WAITING || l->status == SV_FEED_STATUS_DONE))

@@ -61,7 +61,7 @@ typedef struct {
 // publishes the rest.
 typedef struct {
   sv_camera_stat stat;
-  double next_tile_s;
+  double next_tile_s, next_view_s;
   _Atomic double fps;
   _Atomic uint64_t n_tiles;
 } sv_preview_camera;
@@ -86,7 +86,8 @@ typedef struct {
   double point_s, psnr;
   uint32_t n_points, i_picture;
   uint64_t n_saves;
-  bool is_coded; // all cameras compress: their thumbnails come from what was decoded anyway
+  _Atomic uint32_t looked_at; // a bit for each camera in full view
+  bool is_coded;              // all cameras compress: thumbnails come from what was decoded anyway
   bool has_new_event, is_paused, is_new_requested, is_calibration_requested;
   sv_preview_budget budget;
   sv_feed_status status;

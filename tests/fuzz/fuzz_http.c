@@ -46,6 +46,7 @@ size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
       "GET /model?after=1" HOST "\r\nGET /model.spz" HOST "\r\nGET /model.ply" HOST "\r\n",
       "GET /stream" HOST "\r\n",
       "GET /cameras" HOST "\r\n",
+      "GET /camera?i=1" HOST "\r\n",
       "GET /picture.jpg" HOST "Accept: */*\r\n\r\n",
       "POST /start" HOST "Content-Length: 2\r\nOrigin: http://127.0.0.1:00000\r\n\r\nab",
       "POST /enter" HOST "Content-Length: 0\r\n\r\nHEAD /curve" HOST "Cookie: subview-00000=" TOKEN

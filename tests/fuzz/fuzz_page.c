@@ -41,7 +41,7 @@ static void look(void) {
   pv_source *s = &page_source;
   if (sv_feed_attach(&reader, page_block, page_bytes, &err) != SV_OK) return;
   s->reader = reader;
-  s->state_seq = s->tiles_seq = s->model_seq = s->picture_seq = 0;
+  s->state_seq = s->tiles_seq = s->model_seq = s->picture_seq = s->view_seq = 0;
   (void)pv_state_read(s);
   static void (*const fill[])(const pv_source *, sv_str *) = {pv_state_json, pv_curve_json, pv_events_json,
                                                               pv_calibration_json};
@@ -52,6 +52,7 @@ static void look(void) {
   }
   (void)pv_mosaic_read(s);
   (void)pv_picture_jpeg(s);
+  for (int k = 0; k < SV_FEED_CAP_TILES; k++) (void)pv_camera_jpeg(s, k);
   (void)pv_model_compact(s);
   for (int k = 0; k < PV_N_FILES; k++) (void)pv_model_file(s, (pv_file)k);
 }

@@ -47,6 +47,9 @@ static void page_fill(sv_feed *f) {
   sv_feed_picture *p = sv_feed_begin(f, SV_FEED_PICTURE);
   *p = (sv_feed_picture){.width_px = 32, .height_px = 12, .step = 7};
   sv_feed_commit(f, SV_FEED_PICTURE, sizeof *p + 32 * 12 * 3);
+  sv_feed_view *v = sv_feed_begin(f, SV_FEED_VIEW);
+  *v = (sv_feed_view){.i_camera = 1, .width_px = 32, .height_px = 24};
+  sv_feed_commit(f, SV_FEED_VIEW, sizeof *v + 32 * 24 * 3);
   sv_feed_curve *c = sv_feed_begin(f, SV_FEED_CURVE);
   c->n = 2;
   c->stride = 1;

@@ -85,6 +85,11 @@ static void watch_and_start(void) {
   snprintf(text, sizeof text, "page.state.cameras.every((c) => c.tiles > %g)", n + 5);
   MUST(text, 20);
   picture("page-waiting");
+  // A camera in full view comes in its own size, not in that of its thumbnail.
+  assert_true(browser_click(&b, "#labels button"));
+  MUST("$('camera').open && $('camera-image').width === 320 && $('camera-image').height === 240", 10);
+  MUST("$('camera-figures').textContent.includes('Sharpness')", 5);
+  assert_true(browser_click(&b, "#camera-close"));
   double started = now_s();
   assert_true(browser_eval(&b, "$('start').click()", (char[8]){0}, 8));
   MUST("view.n > 0 && view.drawn > 0", 60);

@@ -137,6 +137,7 @@ static void test_private(void **state) {
   assert_int_equal(code_of("GET", "/", NULL), 200);
   assert_int_equal(code_of("GET", "/state", NULL), 403);
   assert_int_equal(code_of("GET", "/cameras", NULL), 403);
+  assert_int_equal(code_of("GET", "/camera?i=0", NULL), 403);
   assert_int_equal(code_of("GET", "/model.ply", NULL), 403);
   assert_int_equal(code_of("GET", "/scans", NULL), 403);
   assert_int_equal(code_of("GET", "/scan/1/model.ply", NULL), 403);

@@ -53,12 +53,22 @@ function show_advice(s) {
 
 // --- a camera in full view: how sharp it is, and what is too bright or too dark ---
 const camera = { i: 0, best: 0, timer: 0 };
+// The camera's image, once the device sends it; until then, and from a run without frames, its
+// thumbnail.
+async function fetch_camera() {
+  const i = camera.i, r = await fetch("/camera?i=" + i).catch(() => 0);
+  const image = r && r.ok && (await createImageBitmap(await r.blob()).catch(() => 0));
+  if (!image || i !== camera.i || !$("camera").open) return;
+  if (!camera.image) camera.best = 0;
+  camera.image = image;
+}
 function draw_camera() {
-  const image = $("tiles"), c = $("camera-image"), [columns, rows] = page.state.grid, s = page.state.cameras[camera.i];
-  if (!image.naturalWidth || !s) return;
-  const w = Math.floor(image.naturalWidth / columns), h = Math.floor(image.naturalHeight / rows), g = c.getContext("2d", { willReadFrequently: true });
+  const image = $("tiles"), c = $("camera-image"), [columns, rows] = page.state.grid, s = page.state.cameras[camera.i], full = camera.image;
+  if ((!image.naturalWidth && !full) || !s) return;
+  const w = full ? full.width : Math.floor(image.naturalWidth / columns), h = full ? full.height : Math.floor(image.naturalHeight / rows), g = c.getContext("2d", { willReadFrequently: true });
   (c.width = w), (c.height = h);
-  g.drawImage(image, (camera.i % columns) * w, Math.floor(camera.i / columns) * h, w, h, 0, 0, w, h);
+  if (full) g.drawImage(full, 0, 0);
+  else g.drawImage(image, (camera.i % columns) * w, Math.floor(camera.i / columns) * h, w, h, 0, 0, w, h);
   const p = g.getImageData(0, 0, w, h), d = p.data, luma = new Float32Array(w * h);
   let bright = 0, dark = 0, edges = 0, sum = 0;
   for (let i = 0; i < w * h; i++) {
@@ -81,9 +91,9 @@ function draw_camera() {
   set("camera-figures", "Sharpness " + ((100 * sharp) / (camera.best || 1)).toFixed(0) + " % of the best so far (yellow: in focus). Too bright (red): " + share(bright) + ". Too dark (blue): " + share(dark) + ".");
 }
 function open_camera(i) {
-  (camera.i = i), (camera.best = 0);
+  (camera.i = i), (camera.best = 0), (camera.image = null);
   $("camera").showModal(), draw_camera();
-  camera.timer = setInterval(draw_camera, 250);
+  camera.timer = setInterval(() => fetch_camera().then(draw_camera), 250);
 }
 $("camera-close").onclick = () => $("camera").close();
 $("camera").onclose = () => clearInterval(camera.timer);
