@@ -25,6 +25,7 @@ void sv_boards_corner(double out[3], const sv_boards *b, const double warp_m[2],
 }
 
 void sv_boards_free(sv_boards_result *r) {
+  for (int c = 0; r->models && c < r->n_cameras; c++) free((double *)r->models[c].spline.control);
   free(r->models);
   free(r->cam_from_rig);
   free(r->rig_from_board);

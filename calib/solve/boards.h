@@ -26,7 +26,7 @@ typedef struct {
   int n_cameras, n_frames;
   int n_cols, n_rows;       // inner corners
   double spacing_m;         // between neighboring corners
-  sv_model_kind model;      // PINHOLE, OPENCV4, OPENCV5 or OPENCV8
+  sv_model_kind model;      // PINHOLE, OPENCV4, OPENCV5, OPENCV8, or of wide lenses SPLINED
   bool has_warp;            // estimate the board's warp (two parabolas, mrcal's calobject_warp)
   const char *const *names; // [n_cameras] for sentences
   const int (*size_px)[2];  // [n_cameras] width, height
@@ -37,7 +37,8 @@ typedef struct {
 typedef struct {
   // over this camera's corners that are no outliers: sqrt(mean |residual|^2)
   double rms_px;
-  // standard deviation of the focal length, from noise as large as the residuals
+  // standard deviation of the focal length, from noise as large as the residuals; 0 for SPLINED, of
+  // which it is a scale of the spline alone
   double fx_sd_px;
   double rotation_sd_deg;    // of cam_from_rig; 0 for camera 0
   double translation_sd_m;   // the same
@@ -53,7 +54,7 @@ typedef struct {
 // Arrays are the result's own, sv_boards_free gives them back.
 typedef struct {
   int n_cameras, n_frames, n_corners; // of the problem
-  sv_camera_model *models;            // [n_cameras]
+  sv_camera_model *models;            // [n_cameras]; with control points of its own
   sv_pose *cam_from_rig;              // [n_cameras], the first is the identity
   sv_pose *rig_from_board;            // [n_frames]; frames that no camera saw: identity
   double warp_m[2];                   // warp along x and y
@@ -79,8 +80,9 @@ void sv_boards_free(sv_boards_result *r);
 void sv_boards_corner(double out[3], const sv_boards *b, const double warp_m[2], int i, int j);
 
 // --- pieces --------------------------------------------------------------------------------------
-// First guess for one camera by itself: lens[5] = fx fy cx cy k1 (pixel centers at integers), and
-// cam_from_board[n_frames] where seen. False when OpenCV found none.
+// First guess for one camera by itself: lens[5] = fx fy cx cy k1 (pixel centers at integers), of
+// SPLINED the first four of a stereographic lens, and cam_from_board[n_frames] where seen. False
+// when OpenCV found none.
 bool sv_boards_seed_camera(const sv_boards *b, int i_camera, double lens[5], sv_pose *cam_from_board);
 // What a camera saw of the boards: tilt, coverage, center, spread, n_boards.
 void sv_boards_measure(const sv_boards *b, int i_camera, const sv_pose *cam_from_board,

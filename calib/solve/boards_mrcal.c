@@ -17,6 +17,8 @@ sv_status sv_boards_available(sv_err *err) {
   return SV_OK;
 }
 
+static bool is_splined(const sv_boards *b) { return b->model == SV_MODEL_SPLINED; }
+
 static size_t n_corners(const sv_boards *b) { return (size_t)b->n_cols * (size_t)b->n_rows; }
 
 static mrcal_pose_t to_rt(const sv_pose *p) {
@@ -48,7 +50,7 @@ static sv_status problem_make(sv_mrcal_problem *p, const sv_boards *b, sv_err *e
   size_t nc = (size_t)b->n_cameras, nf = (size_t)b->n_frames;
   memset(p, 0, sizeof *p);
   p->b = b;
-  mrcal_lensmodel_from_name(&p->lens, sv_model_name(b->model));
+  mrcal_lensmodel_from_name(&p->lens, is_splined(b) ? "LENSMODEL_STEREOGRAPHIC" : sv_model_name(b->model));
   p->n_params = mrcal_lensmodel_num_params(&p->lens);
   p->intrinsics = calloc(nc * (size_t)p->n_params, sizeof(double));
   p->extrinsics = calloc(nc, sizeof(mrcal_pose_t));
@@ -124,6 +126,11 @@ static sv_status optimise(sv_mrcal_problem *p, sv_err *err) {
   double rms = solve(p, sel);
   sel.do_optimize_intrinsics_core = true;
   if (rms >= 0) rms = solve(p, sel);
+  if (rms >= 0 && is_splined(b)) {
+    sv_status s = sv_mrcal_make_splined(p, err);
+    if (s != SV_OK) return s;
+    sel.do_optimize_intrinsics_core = false;
+  }
   sel.do_optimize_intrinsics_distortions = p->n_params > 4;
   sel.do_apply_regularization = true;
   if (rms >= 0) rms = solve(p, sel);
@@ -155,13 +162,15 @@ static sv_status result_make(sv_boards_result *r, const sv_boards *b, sv_err *er
   return SV_OK;
 }
 
-static void take_solution(sv_boards_result *r, const sv_mrcal_problem *p) {
+static sv_status take_solution(sv_boards_result *r, const sv_mrcal_problem *p, sv_err *err) {
   const sv_boards *b = p->b;
+  sv_status s = SV_OK;
   for (int c = 0; c < b->n_cameras; c++) {
     sv_camera_model *m = &r->models[c];
     *m = (sv_camera_model){.kind = b->model, .width_px = b->size_px[c][0], .height_px = b->size_px[c][1]};
-    for (int k = 0; k < p->n_params && k < SV_CAP_MODEL_PARAMS; k++)
+    for (int k = 0; k < sv_model_n_params(b->model); k++)
       m->p[k] = p->intrinsics[c * p->n_params + k] + (k == 2 || k == 3 ? 0.5 : 0);
+    if (is_splined(b) && s == SV_OK) s = sv_mrcal_take_spline(p, c, m, err);
     r->cam_from_rig[c] = c ? from_rt(&p->extrinsics[c - 1]) : sv_pose_identity();
   }
   for (int f = 0; f < b->n_frames; f++)
@@ -170,6 +179,7 @@ static void take_solution(sv_boards_result *r, const sv_mrcal_problem *p) {
     r->warp_m[0] = p->warp.x2;
     r->warp_m[1] = p->warp.y2;
   }
+  return s;
 }
 
 static void take_residuals(sv_boards_result *r, const sv_mrcal_problem *p) {
@@ -287,7 +297,7 @@ static sv_status check_fit(const sv_boards *b, const sv_boards_result *r, sv_err
 sv_status sv_boards_solve(const sv_boards *b, sv_boards_result *out, sv_err *err) {
   sv_mrcal_problem p;
   if (b->n_cameras < 1 || b->n_cameras > SV_BOARDS_CAP_CAMERAS || b->n_frames < 1 || b->n_cols < 3 ||
-      b->n_rows < 3 || !(b->spacing_m > 0) || (int)b->model > SV_MODEL_OPENCV8)
+      b->n_rows < 3 || !(b->spacing_m > 0) || ((int)b->model > SV_MODEL_OPENCV8 && !is_splined(b)))
     return sv_fail(err, SV_E_ARG,
                    "not a calibration that can be solved: %d cameras, %d frames, %dx%d corners, %s",
                    b->n_cameras, b->n_frames, b->n_cols, b->n_rows, sv_model_name(b->model));
@@ -297,12 +307,14 @@ sv_status sv_boards_solve(const sv_boards *b, sv_boards_result *out, sv_err *err
   if (s == SV_OK) s = seed(b, &p, out, err);
   if (s == SV_OK) s = optimise(&p, err);
   if (s == SV_OK) {
-    take_solution(out, &p);
+    s = take_solution(out, &p, err);
     take_residuals(out, &p);
     fill_outliers(out, b);
-    s = check_fit(b, out, err);
   }
+  if (s == SV_OK) s = check_fit(b, out, err);
   if (s == SV_OK) s = sv_boards_uncertainty(out, &p, err);
+  for (int c = 0; is_splined(b) && c < b->n_cameras && s == SV_OK; c++)
+    s = sv_mrcal_refit_spline(b, out, c, err);
   problem_free(&p);
   if (s != SV_OK) sv_boards_free(out);
   return s;

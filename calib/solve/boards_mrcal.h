@@ -20,6 +20,15 @@ typedef struct {
   mrcal_problem_selections_t sel; // of the last solve
 } sv_mrcal_problem;
 
+// Of SPLINED: the stereographic lenses of a solved problem become splined ones without a shift; the
+// control points of a solved lens, which belong to it; and the same with those that few corners
+// reach as the lens goes on.
+sv_status sv_mrcal_make_splined(sv_mrcal_problem *p, sv_err *err) SV_MUST_USE;
+sv_status sv_mrcal_take_spline(const sv_mrcal_problem *p, int i_camera, sv_camera_model *m,
+                               sv_err *err) SV_MUST_USE;
+sv_status sv_mrcal_refit_spline(const sv_boards *b, const sv_boards_result *r, int i_camera,
+                                sv_err *err) SV_MUST_USE;
+
 int sv_mrcal_n_measurements(const sv_mrcal_problem *p, mrcal_problem_selections_t sel);
 // Fills the deviations and the projection uncertainty of out->cameras. out holds the solution.
 sv_status sv_boards_uncertainty(sv_boards_result *out, const sv_mrcal_problem *p, sv_err *err) SV_MUST_USE;

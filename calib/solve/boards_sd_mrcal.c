@@ -127,6 +127,18 @@ static void add_row_block(double *row, const double dq[3], const double d[9], do
     for (int i = 0; i < 3; i++) row[k] += weight * dq[i] * d[3 * i + k];
 }
 
+// By the control points of a splined lens.
+static void add_control_points(const covariance *v, int c, const double ray[3], int axis, double *row) {
+  const sv_camera_model *m = &v->out->models[c];
+  const int n = m->spline.order + 1;
+  double weight[16];
+  int i0[2];
+  if (!sv_spline_weights(m, ray, i0, weight)) return;
+  for (int k = 0; k < n * n; k++)
+    row[state_intrinsics(v, c) + 2 * ((i0[1] + k / n) * m->spline.nx + i0[0] + k % n) + axis] =
+        m->p[axis] * weight[k];
+}
+
 // Derivatives of the projection of a direction (camera c) by the state: rows[2][n_states].
 static bool projection_rows(const covariance *v, int c, const double uv[2], double *rows) {
   const sv_mrcal_problem *p = v->p;
@@ -139,7 +151,9 @@ static bool projection_rows(const covariance *v, int c, const double uv[2], doub
   for (int i = 0; i < 3; i++) in_rig[i] = rc[i] * ray[0] + rc[3 + i] * ray[1] + rc[6 + i] * ray[2];
   for (int a = 0; a < 2; a++) {
     double *row = rows + (size_t)a * n;
-    for (int k = 0; k < p->n_params; k++) row[state_intrinsics(v, c) + k] = dp[a * p->n_params + k];
+    if (m->kind == SV_MODEL_SPLINED) add_control_points(v, c, ray, a, row);
+    else
+      for (int k = 0; k < p->n_params; k++) row[state_intrinsics(v, c) + k] = dp[a * p->n_params + k];
     if (c > 0) {
       d_rotated(d, p->extrinsics[c - 1].r.xyz, ray);
       add_row_block(row + state_camera(v, c), dx + 3 * a, d, 1);
@@ -186,7 +200,7 @@ sv_status sv_boards_uncertainty(sv_boards_result *out, const sv_mrcal_problem *p
   is_good = is_good && factor(&v);
   for (int c = 0; c < b->n_cameras && is_good; c++) {
     sv_boards_camera *q = &out->cameras[c];
-    q->fx_sd_px = deviation(&v, state_intrinsics(&v, c), 1, rows);
+    if (b->model != SV_MODEL_SPLINED) q->fx_sd_px = deviation(&v, state_intrinsics(&v, c), 1, rows);
     if (c) {
       q->rotation_sd_deg = deviation(&v, state_camera(&v, c), 3, rows) * 180 / SV_PI;
       q->translation_sd_m = deviation(&v, state_camera(&v, c) + 3, 3, rows);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Z. Zhang's method ("A Flexible New Technique for Camera Calibration", PAMI 2000) as OpenCV has
 // it, with the principal point in the middle and one distortion term: few enough unknowns to start
-// from anything.
+// from anything. Wide lenses start as stereographic ones, of the focal length that fits best.
 #include <opencv2/calib3d.hpp>
 
 #include <algorithm>
@@ -72,12 +72,114 @@ bool seed_lens(const Seen &s, int w, int h, cv::Mat &k, cv::Mat &d) {
   return std::isfinite(cv::calibrateCamera(object, image, cv::Size(w, h), k, d, r, t, flags));
 }
 
+// --- wide lenses ---------------------------------------------------------------------------------
+
+constexpr int kFocals = 24;        // of those that are tried
+constexpr double kNarrowest = 1.5; // focal length over the picture's longer side
+constexpr double kWidest = 0.12;   // the same: 266 degrees across
+constexpr double kFarthest = 0.1;  // cosine, from the board's middle to its corners
+
+struct Stereographic {
+  double f, cx, cy;
+  cv::Vec3d Ray(const cv::Point2f &p) const {
+    const double x = (static_cast<double>(p.x) - cx) / f, y = (static_cast<double>(p.y) - cy) / f,
+                 s = 0.25 * (x * x + y * y);
+    return cv::Vec3d(x, y, 1 - s) / (1 + s);
+  }
+  cv::Point2d Project(const cv::Vec3d &x) const {
+    const double s = 2 * f / (cv::norm(x) + x[2]);
+    return {s * x[0] + cx, s * x[1] + cy};
+  }
+};
+
+// The rotation that turns a direction to the optical axis.
+cv::Matx33d ToAxis(const cv::Vec3d &v) {
+  const cv::Vec3d z = cv::normalize(v),
+                  aside = std::fabs(z[0]) < 0.9 ? cv::Vec3d(1, 0, 0) : cv::Vec3d(0, 1, 0),
+                  y = cv::normalize(z.cross(aside)), x = y.cross(z);
+  return {x[0], x[1], x[2], y[0], y[1], y[2], z[0], z[1], z[2]};
+}
+
+// The pose of a board by the rays of its corners, turned so that a pinhole sees them all. Mean of
+// the squared distances in the picture, px; a large number where there is no pose.
+double PlaceBoard(const Seen &s, size_t i, const Stereographic &lens, sv_pose *out) {
+  constexpr double kNone = 1e12;
+  cv::Vec3d middle(0, 0, 0);
+  for (const auto &p : s.image[i]) middle += lens.Ray(p);
+  if (cv::norm(middle) < 1e-6) return kNone;
+  const cv::Matx33d turn = ToAxis(middle);
+  std::vector<cv::Point2d> seen;
+  for (const auto &p : s.image[i]) {
+    const cv::Vec3d r = turn * lens.Ray(p);
+    if (r[2] < kFarthest) return kNone;
+    seen.emplace_back(r[0] / r[2], r[1] / r[2]);
+  }
+  cv::Mat r, t, rot;
+  if (!cv::solvePnP(s.object[i], seen, cv::Matx33d::eye(), cv::noArray(), r, t, false, cv::SOLVEPNP_IPPE))
+    return kNone;
+  cv::solvePnPRefineLM(s.object[i], seen, cv::Matx33d::eye(), cv::noArray(), r, t);
+  cv::Rodrigues(r, rot);
+  const cv::Matx33d back = turn.t() * cv::Matx33d(rot.ptr<double>());
+  const cv::Vec3d at = turn.t() * cv::Vec3d(t.ptr<double>());
+  double sum = 0;
+  for (size_t k = 0; k < s.object[i].size(); k++) {
+    const cv::Point3f &o = s.object[i][k];
+    const cv::Point2d off =
+        lens.Project(back * cv::Vec3d(static_cast<double>(o.x), static_cast<double>(o.y), 0) + at) -
+        cv::Point2d(s.image[i][k]);
+    sum += off.dot(off);
+  }
+  if (!(at[0] == at[0] && std::isfinite(sum))) return kNone;
+  if (out) {
+    for (int k = 0; k < 9; k++) out->r[k] = back.val[k];
+    for (int k = 0; k < 3; k++) out->t[k] = at[k];
+  }
+  return sum / static_cast<double>(s.object[i].size());
+}
+
+double ErrorOf(const Seen &s, const Stereographic &lens) {
+  const size_t n = s.frames.size(), n_used = std::min(n, kSeedBoards);
+  double sum = 0;
+  for (size_t i = 0; i < n_used; i++) sum += PlaceBoard(s, i * n / n_used, lens, nullptr);
+  return sum;
+}
+
+// The focal length with which boards fit best, then finer steps about it.
+bool SeedWide(const Seen &s, int w, int h, double lens[5], sv_pose *cam_from_board) {
+  const double side = w > h ? w : h;
+  Stereographic best = {0, 0.5 * (w - 1), 0.5 * (h - 1)};
+  double least = HUGE_VAL, step = std::pow(kNarrowest / kWidest, 1.0 / (kFocals - 1)), middle = 0;
+  for (int round = 0; round < 3; round++) {
+    const int n = round == 0 ? kFocals : 7;
+    for (int i = 0; i < n; i++) {
+      const double f =
+          round == 0 ? kWidest * side * std::pow(step, i) : middle * std::pow(step, (i - 3) / 3.0);
+      const double e = ErrorOf(s, {f, best.cx, best.cy});
+      if (!(e < least)) continue;
+      least = e;
+      best.f = f;
+    }
+    if (!(best.f > 0)) return false;
+    if (round > 0) step = std::pow(step, 1.0 / 3);
+    middle = best.f;
+  }
+  for (size_t i = 0; i < s.frames.size(); i++)
+    if (PlaceBoard(s, i, best, &cam_from_board[s.frames[i]]) > side * side) return false;
+  lens[0] = lens[1] = best.f;
+  lens[2] = best.cx;
+  lens[3] = best.cy;
+  lens[4] = 0;
+  return true;
+}
+
 } // namespace
 
 bool sv_boards_seed_camera(const sv_boards *b, int i_camera, double lens[5], sv_pose *cam_from_board) {
   const Seen s = gather(b, i_camera);
   if (s.frames.empty()) return false;
   try {
+    if (b->model == SV_MODEL_SPLINED)
+      return SeedWide(s, b->size_px[i_camera][0], b->size_px[i_camera][1], lens, cam_from_board);
     cv::Mat k, d, r, t;
     if (!seed_lens(s, b->size_px[i_camera][0], b->size_px[i_camera][1], k, d)) return false;
     for (size_t i = 0; i < s.frames.size(); i++) {

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "calib/lens_view.h"
 #include "calib/solve/boards.h"
 #include "calib/solve/corners.h"
 #include "src/base/mathx.h"
@@ -224,6 +225,124 @@ TEST(test_ill_posed) {
   drop(&w);
 }
 
+// --- fisheyes ------------------------------------------------------------------------------------
+
+// The rig's lenses become fisheyes; boards all around, facing it, tilted by up to 25 degrees.
+static void make_wide(world *w, double half_deg, int n_frames, uint64_t seed) {
+  sv_rng rng = sv_rng_make(seed, 1);
+  make_rig(w, SV_DEVICE_STEREO, 5, 1280, 960);
+  for (int c = 0; c < 2; c++) {
+    sv_camera_model *m = &w->views[c].model;
+    const double k[4] = {-0.02, 0.005, -0.002, 0.0003}, f = 800 / (half_deg * SV_PI / 180);
+    *m = (sv_camera_model){.kind = SV_MODEL_KB4, .width_px = 1280, .height_px = 960};
+    memcpy(m->p, (const double[8]){f, 1.003 * f, 652, 471, k[0], k[1], k[2], k[3]}, 8 * sizeof(double));
+  }
+  make_boards(w, n_frames, 25, 0.1, seed);
+  const int corners = COLS * ROWS;
+  for (int frame = 0; frame < n_frames; frame++) {
+    const double off = 0.8 * half_deg * SV_PI / 180 * sqrt((double)sv_rng_f(&rng)),
+                 about = 2 * SV_PI * (double)sv_rng_f(&rng), far = 0.8 + 0.5 * (double)sv_rng_f(&rng);
+    const double eye[3] = {0, 0, 0}, up[3] = {0, -1, 0.01},
+                 at[3] = {sin(off) * cos(about), sin(off) * sin(about), cos(off)};
+    double tilt[9], rot[3], middle[3] = {-0.5 * (COLS - 1) * SPACING_M, -0.5 * (ROWS - 1) * SPACING_M, 0};
+    sv_pose look, p;
+    for (int k = 0; k < 3; k++) rot[k] = (k < 2 ? 0.9 : 0.6) * ((double)sv_rng_f(&rng) - 0.5);
+    assert_true(sv_pose_look_at(&look, eye, at, up));
+    look = sv_pose_inv(&look);
+    sv_rodrigues(tilt, rot);
+    sv_mul33(p.r, look.r, tilt);
+    sv_apply33(p.t, p.r, middle);
+    for (int k = 0; k < 3; k++) p.t[k] += far * at[k];
+    for (int c = 0; c < 2; c++) {
+      const sv_camera_model *m = &w->views[c].model;
+      double *uv = w->uv + 2 * corners * (c * n_frames + frame);
+      bool is_in = true;
+      for (int k = 0; k < corners; k++) {
+        double x[3] = {k % COLS * SPACING_M, k / COLS * SPACING_M, 0};
+        sv_pose_apply(x, &p, x);
+        sv_pose_apply(x, &w->views[c].cam_from_rig, x);
+        is_in = is_in && sv_model_project(m, x, uv + 2 * k, NULL, NULL) && uv[2 * k] > 0 &&
+                uv[2 * k + 1] > 0 && uv[2 * k] < m->width_px && uv[2 * k + 1] < m->height_px;
+        for (int a = 0; a < 2; a++) uv[2 * k + a] += NOISE_PX * (double)sv_rng_normal(&rng);
+      }
+      w->seen[c * n_frames + frame] = is_in;
+    }
+  }
+  w->b.model = SV_MODEL_SPLINED;
+}
+
+enum { N_RAYS = 11 * 9 };
+// The rotation that a calibration of one camera leaves open: rays `from` are turned to `to`.
+static void turn_to(double from[N_RAYS][3], const double to[N_RAYS][3]) {
+  for (int round = 0; round < 5; round++) {
+    double h[3][3] = {{0}}, g[3] = {0}, w[3], r[9];
+    for (int i = 0; i < N_RAYS; i++)
+      for (int a = 0; a < 3; a++) {
+        const int b = (a + 1) % 3, c = (a + 2) % 3;
+        g[a] += from[i][b] * to[i][c] - from[i][c] * to[i][b];
+        for (int k = 0; k < 3; k++) h[a][k] += (a == k) - from[i][a] * from[i][k];
+      }
+    const double det = h[0][0] * (h[1][1] * h[2][2] - h[1][2] * h[2][1]) -
+                       h[0][1] * (h[1][0] * h[2][2] - h[1][2] * h[2][0]) +
+                       h[0][2] * (h[1][0] * h[2][1] - h[1][1] * h[2][0]);
+    for (int a = 0; a < 3; a++) { // Cramer's rule
+      double m[3][3];
+      memcpy(m, h, sizeof m);
+      for (int k = 0; k < 3; k++) m[k][a] = g[k];
+      w[a] = (m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) -
+              m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0]) +
+              m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0])) /
+             det;
+    }
+    sv_rodrigues(r, w);
+    for (int i = 0; i < N_RAYS; i++)
+      sv_apply33(from[i], r, (const double[3]){from[i][0], from[i][1], from[i][2]});
+  }
+}
+
+// Fisheyes of 185 degrees by mrcal's splined model: the lens, apart from a rotation, and the pose.
+TEST(test_fisheyes) {
+  need_mrcal();
+  world w;
+  sv_boards_result r;
+  make_wide(&w, 92.5, 160, 31);
+  if (sv_boards_solve(&w.b, &r, &err) != SV_OK) fail_msg("%s", err.text);
+  for (int c = 0; c < 2; c++) {
+    static double rays[2][N_RAYS][3];
+    double sum = 0, worst = 0, corner[3], uv[2];
+    const sv_camera_model *m = &w.views[c].model;
+    for (int k = 0; k < N_RAYS; k++) {
+      uv[0] = 1280 * (0.05 + 0.09 * (k % 11));
+      uv[1] = 960 * (0.06 + 0.11 * (k / 11));
+      assert_true(sv_model_unproject(m, uv, rays[0][k]));
+      assert_true(sv_model_unproject(&r.models[c], uv, rays[1][k]));
+    }
+    turn_to(rays[0], (const double(*)[3])rays[1]);
+    for (int k = 0; k < N_RAYS; k++) {
+      double at[2];
+      assert_true(sv_model_project(&r.models[c], rays[0][k], at, NULL, NULL));
+      const double off =
+          hypot(at[0] - 1280 * (0.05 + 0.09 * (k % 11)), at[1] - 960 * (0.06 + 0.11 * (k / 11)));
+      sum += off * off;
+      worst = fmax(worst, off);
+    }
+    printf("%s: %d boards, %.3f px RMS; the lens off by %.2f px, at most %.2f px; grid %dx%d, %.0f degrees\n",
+           w.names[c], r.cameras[c].n_boards, r.cameras[c].rms_px, sqrt(sum / N_RAYS), worst,
+           r.models[c].spline.nx, r.models[c].spline.ny, r.models[c].spline.fov_x_deg);
+    assert_true(fabs(r.cameras[c].rms_px / (NOISE_PX * sqrt(2)) - 1) < 0.1);
+    assert_true(sqrt(sum / N_RAYS) < 0.6 && worst < 4);
+    // In the corners, too, where no board was; a view holds the whole field.
+    sv_lens_view view;
+    for (int k = 0; k < 4; k++)
+      assert_true(
+          sv_model_unproject(&r.models[c], (const double[2]){1280 * (k & 1), 960 * (k >> 1)}, corner));
+    assert_true(sv_lens_view_make(&view, &r.models[c]) && view.is_fisheye);
+    assert_true(r.cameras[c].uncertainty_px[4][5] < 0.3);
+  }
+  sv_boards_free(&r);
+  drop(&w);
+}
+
 // Millimetres given for metres.
 TEST(test_spacing) {
   cal_advice *a = calloc(1, sizeof *a);
@@ -300,35 +419,6 @@ static sv_camera_model calibrated(const mode *m, uint64_t seed) {
   return lens;
 }
 
-enum { N_RAYS = 11 * 9 };
-// The rotation that a calibration of one camera leaves open: rays `from` are turned to `to`.
-static void turn_to(double from[N_RAYS][3], const double to[N_RAYS][3]) {
-  for (int round = 0; round < 5; round++) {
-    double h[3][3] = {{0}}, g[3] = {0}, w[3], r[9];
-    for (int i = 0; i < N_RAYS; i++)
-      for (int a = 0; a < 3; a++) {
-        const int b = (a + 1) % 3, c = (a + 2) % 3;
-        g[a] += from[i][b] * to[i][c] - from[i][c] * to[i][b];
-        for (int k = 0; k < 3; k++) h[a][k] += (a == k) - from[i][a] * from[i][k];
-      }
-    const double det = h[0][0] * (h[1][1] * h[2][2] - h[1][2] * h[2][1]) -
-                       h[0][1] * (h[1][0] * h[2][2] - h[1][2] * h[2][0]) +
-                       h[0][2] * (h[1][0] * h[2][1] - h[1][1] * h[2][0]);
-    for (int a = 0; a < 3; a++) { // Cramer's rule
-      double m[3][3];
-      memcpy(m, h, sizeof m);
-      for (int k = 0; k < 3; k++) m[k][a] = g[k];
-      w[a] = (m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) -
-              m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0]) +
-              m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0])) /
-             det;
-    }
-    sv_rodrigues(r, w);
-    for (int i = 0; i < N_RAYS; i++)
-      sv_apply33(from[i], r, (const double[3]){from[i][0], from[i][1], from[i][2]});
-  }
-}
-
 TEST(test_other_modes) {
   static const mode full = {"4056x3040", 4056, 3040, 0, 0, 4056, 3040};
   static const mode modes[] = {{"1014x760, scaled", 1014, 760, 0, 0, 4056, 3040},
@@ -368,6 +458,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_stereo),       cmocka_unit_test(test_phone),
                                      cmocka_unit_test(test_grid),         cmocka_unit_test(test_theory),
                                      cmocka_unit_test(test_ill_posed),    cmocka_unit_test(test_spacing),
-                                     cmocka_unit_test(test_three_boards), cmocka_unit_test(test_other_modes)};
+                                     cmocka_unit_test(test_three_boards), cmocka_unit_test(test_other_modes),
+                                     cmocka_unit_test(test_fisheyes)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -82,8 +82,9 @@ static const sv_option table[] = {
     {"board", SV_OPT_TEXT, CAL_PHOTOMETRIC, 0, AT(board), "WxH", "inner corners of the chessboard: 9x6", 0, 0,
      0},
     {"model", SV_OPT_WORD, CAL_BOARD, 0, AT(model),
-     "LENSMODEL_PINHOLE|LENSMODEL_OPENCV4|LENSMODEL_OPENCV5|LENSMODEL_OPENCV8",
-     "lens model (LENSMODEL_OPENCV5)", 0, 0, 0},
+     "LENSMODEL_PINHOLE|LENSMODEL_OPENCV4|LENSMODEL_OPENCV5|LENSMODEL_OPENCV8|LENSMODEL_SPLINED_"
+     "STEREOGRAPHIC",
+     "lens model (LENSMODEL_OPENCV5); of fisheyes the last one", 0, 0, 0},
     {"flat", SV_OPT_FLAG, CAL_BOARD, 0, AT(is_flat), 0,
      "assume a flat board: do not estimate its deformation", 0, 0, 0},
     {"name", SV_OPT_TEXT, CAL_BOARD | CAL_LENSLETS, 0, AT(name), "NAME",

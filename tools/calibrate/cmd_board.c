@@ -99,7 +99,7 @@ static void report_camera(lab_report *j, const cal_boards *b, const sv_boards_re
   lab_report_num(j, "fy_px", p[1]);
   lab_report_num(j, "cx_px", p[2]);
   lab_report_num(j, "cy_px", p[3]);
-  lab_report_num(j, "fx_sd_px", q->fx_sd_px);
+  if (r->models[c].kind != SV_MODEL_SPLINED) lab_report_num(j, "fx_sd_px", q->fx_sd_px);
   lab_report_num(j, "rotation_sd_deg", q->rotation_sd_deg);
   lab_report_num(j, "translation_sd_m", q->translation_sd_m);
   lab_report_num(j, "distance_m", sv_norm3(centre)); // of the camera's center from the rig's origin
@@ -148,14 +148,15 @@ static void say_camera(lab_session *se, const cal_boards *b, const sv_boards_res
   const sv_boards_camera *q = &r->cameras[c];
   const double *p = r->models[c].p;
   double centre[3], w[3];
-  char place[120] = "";
+  char place[120] = "", sd[40] = "";
   sv_pose_centre(centre, &r->cam_from_rig[c]);
   sv_rodrigues_inv(w, r->cam_from_rig[c].r);
   if (c)
     sv_fmt(place, sizeof place, "; %.4f m and %.3f degrees from %s", sv_norm3(centre),
            sv_norm3(w) * 57.29577951, b->cameras[0].name);
-  lab_say(se, "  %s: %d boards in %d images, %.3f px RMS, focal length %.2f (+- %.2f) px%s",
-          b->cameras[c].name, q->n_boards, b->cameras[c].n_pictures, q->rms_px, p[0], q->fx_sd_px, place);
+  if (r->models[c].kind != SV_MODEL_SPLINED) sv_fmt(sd, sizeof sd, " (+- %.2f)", q->fx_sd_px);
+  lab_say(se, "  %s: %d boards in %d images, %.3f px RMS, focal length %.2f%s px%s", b->cameras[c].name,
+          q->n_boards, b->cameras[c].n_pictures, q->rms_px, p[0], sd, place);
 }
 
 static sv_status finish(const cal_options *o, lab_session *se, const cal_boards *b, const sv_boards_result *r,
