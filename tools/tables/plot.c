@@ -110,12 +110,12 @@ static sv_status write_curve(const tables *t, const curve_plot *c, bool *is_writ
   bool is_angle = c->table == TABLE_ANGLE;
   FILE *f = tables_script_open(t, c->name, err);
   if (!f) return SV_E_IO;
-  fprintf(f, "set title \"%s; bars: standard deviation over the scenes\"\nset xlabel '%s'\nset ylabel '%s'\n",
-          c->title, c->x_label, axis_word(c->figure));
-  fprintf(f,
-          "set grid\nset key inside %s right opaque\nset offsets graph 0.05, graph 0.05, graph 0.05, graph "
-          "0.05\n",
-          c->figure == TABLES_PSNR ? "bottom" : "top");
+  fprintf(f, "set title \"%s%s\"\nset xlabel '%s'\nset ylabel '%s'\n", c->title,
+          t->n_scenes > 1 ? "; bars: standard deviation over the scenes" : "", c->x_label,
+          axis_word(c->figure));
+  // the legend has room of its own above the curves
+  fprintf(f, "set grid\nset key inside top left maxrows %d opaque\nset offsets 0, 0, graph %s, graph 0.05\n",
+          is_angle ? TABLES_N_DEVICES : 3, is_angle ? "0.5" : "0.35");
   fprintf(f, c->is_log_x || largest_x(t, c) > 12 ? "set logscale x\n" : "set xtics 1\n");
   int n_most = 0;
   for (int e = is_angle ? 1 : 0; e <= (is_angle ? 3 : 0); e += 2)

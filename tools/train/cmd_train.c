@@ -11,7 +11,6 @@
 #include "src/train/driver.h"
 #include "src/train/stereo.h"
 #include "tools/dataset/measurement.h"
-#include "tools/common/report.h"
 #include "tools/import/find.h"
 #include "tools/train/appearance.h"
 #include "tools/train/evaluate.h"
@@ -44,12 +43,11 @@ typedef struct {
   long n_steps;                         // wanted; 0: by time
   double limit_s;                       // 0: by steps
   double load_s, eval_s, measured_psnr; // measured: of multiplexed measurements
-  bool is_stopped, has_scores;
+  bool is_stopped, has_scores, has_time_scores;
   sv_render_options render;       // of the finished model
   lab_scores scores, time_scores; // time: of held-out times of the training cameras
-  bool has_time_scores;
-  bool is_standing; // the rig, while the scene moves
-  bool is_stereo;   // starts from depth maps of its own views
+  bool is_standing;               // the rig, while the scene moves
+  bool is_stereo;                 // starts from depth maps of its own views
 } run;
 
 // --- settings ------------------------------------------------------------------------------------
