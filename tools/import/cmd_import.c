@@ -7,6 +7,7 @@
 #include "src/format/ply.h"
 #include "tools/import/recording.h"
 #include "tools/import/import.h"
+#include "tools/import/network.h"
 #include "tools/import/refine.h"
 
 // --- dispatch ------------------------------------------------------------------------------------
@@ -66,6 +67,10 @@ static sv_status improve(lab_import *im, const lab_options *o, lab_session *se, 
   return s;
 }
 
+static bool is_network(const lab_options *o) {
+  return sv_str_eq(o->from, "vggt") || sv_str_eq(o->from, "megasam") || sv_str_eq(o->from, "dust3r");
+}
+
 static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
   if (sv_str_eq(o->from, "sim")) {
     sv_status s = lab_import_sim(o->input, se, o->out, err);
@@ -80,7 +85,8 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
     if (s == SV_OK) lab_say(se, "%s: a rig of %d cameras; 'subview run --rig' reads it", o->out, n);
     return s;
   }
-  if (!sv_path_is_folder(o->input)) return sv_fail(err, SV_E_NOT_FOUND, "%s: no such folder", o->input);
+  if (!sv_path_is_folder(o->input) && !is_network(o))
+    return sv_fail(err, SV_E_NOT_FOUND, "%s: no such folder", o->input);
   if (sv_str_eq(o->from, "4cam-board") || sv_str_eq(o->from, "qca")) {
     sv_import_job job = {o->input, o->out, se->console};
     sv_status s = sv_str_eq(o->from, "qca") ? sv_import_qca(&job, err) : sv_import_4cam_board(&job, err);
@@ -92,7 +98,10 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
   }
   if (sv_str_eq(o->from, "lightfield-release")) return lab_import_release(o, se, err);
   lab_import im = {0};
-  sv_status s = sv_str_eq(o->from, "colmap")    ? lab_import_colmap(&im, o->input, err)
+  sv_status s = sv_str_eq(o->from, "vggt")      ? lab_import_vggt(&im, o, err)
+                : sv_str_eq(o->from, "megasam") ? lab_import_megasam(&im, o, err)
+                : sv_str_eq(o->from, "dust3r")  ? lab_import_dust3r(&im, o, err)
+                : sv_str_eq(o->from, "colmap")  ? lab_import_colmap(&im, o->input, err)
                 : sv_str_eq(o->from, "lenslet") ? lab_import_lenslet(&im, o, se, err)
                 : sv_str_eq(o->from, "capture") ? lab_import_capture(&im, o->input, err)
                                                 : lab_import_transforms(&im, o->input, err);
@@ -110,15 +119,18 @@ int lab_cmd_import(const lab_options *o) {
   sv_err err = {0};
   lab_session se;
   int code = LAB_EXIT_OK;
-  bool has_stream =
-      sv_str_eq(o->from, "colmap") || sv_str_eq(o->from, "nerfstudio") || sv_str_eq(o->from, "blender");
+  bool has_stream = sv_str_eq(o->from, "colmap") || sv_str_eq(o->from, "nerfstudio") ||
+                    sv_str_eq(o->from, "blender") || is_network(o);
   if (!o->rig != !o->stream || (o->unit_m > 0 && !o->rig))
     return lab_usage("import", "--rig and --stream must be given together; --unit needs both");
   if (o->rig && !has_stream)
-    return lab_usage("import", "--rig and --stream need --from colmap, nerfstudio or blender");
+    return lab_usage("import",
+                     "--rig and --stream need --from colmap, nerfstudio, blender, vggt, megasam or dust3r");
+  if (o->images && !is_network(o))
+    return lab_usage("import", "--images needs --from vggt, megasam or dust3r");
   if (o->refine && !has_stream && !sv_str_eq(o->from, "capture"))
     return lab_usage("import",
-                     "--refine needs --from with one pose a view: colmap, nerfstudio, blender or capture");
+                     "--refine needs --from colmap, nerfstudio, blender, capture, vggt, megasam or dust3r");
   if (o->free_lenses && !o->refine) return lab_usage("import", "--free-lenses needs --refine");
   sv_status s = lab_session_start(&se, 0, o->is_quiet, &err);
   if (s == SV_OK) s = sv_linux_catch_signals(&err);
