@@ -5,6 +5,7 @@
 
 #include "src/format/cameramodel.h"
 #include "src/format/json.h"
+#include "src/format/photometry_json.h"
 
 static const char *const forward_names[3] = {"direct", "light_field", "multiplexed"};
 
@@ -209,44 +210,14 @@ static sv_status read_sensor(const sv_json *j, int i_view, sv_sub_view *v, sv_er
   return s;
 }
 
-static sv_status optional_doubles(const sv_json *j, int i_object, const char *key, double *out, int n,
-                                  sv_err *err) {
-  const int i = sv_json_get(j, i_object, key);
-  return i < 0 ? SV_OK : sv_json_doubles(j, i, out, n, err);
-}
-
-// "photometric": {"color": [9], "falloff": [k1, k2, k3], "corner": R, "color_sigma": [3],
-// "falloff_sigma": S}
 static sv_status read_photometric(const sv_json *j, int i_view, const sv_rig *rig, sv_photometry *p,
                                   sv_err *err) {
   const int i = sv_json_get(j, i_view, "photometric");
-  double inverse[9];
-  if (i < 0) return SV_OK;
-  if (!sv_json_is_object(j, i))
-    return sv_json_fail(j, i, err, SV_E_FORMAT, "a photometric calibration is an object with \"color\"");
-  if (rig->forward == SV_FORWARD_MULTIPLEXED)
+  if (i >= 0 && rig->forward == SV_FORWARD_MULTIPLEXED)
     return sv_json_fail(j, i, err, SV_E_UNSUPPORTED,
                         "a photometric calibration of a sub-view that shares its pixels with others; it is "
                         "for direct and light_field rigs");
-  if (sv_json_get(j, i, "color") < 0) return sv_json_missing(j, i, "color", err);
-  if (sv_json_get(j, i, "corner") < 0) return sv_json_missing(j, i, "corner", err);
-  p->is_known = true;
-  sv_status s = optional_doubles(j, i, "color", p->color, 9, err);
-  if (s == SV_OK) s = optional_doubles(j, i, "falloff", p->falloff, 3, err);
-  if (s == SV_OK) s = optional_doubles(j, i, "color_sigma", p->color_sigma, 3, err);
-  if (s == SV_OK) s = sv_json_get_double(j, i, "corner", &p->corner, err);
-  if (s == SV_OK) s = sv_json_get_double(j, i, "falloff_sigma", &p->falloff_sigma, err);
-  if (s < 0) return s;
-  if (!(p->corner > 0 && p->corner < 100))
-    return sv_json_fail(j, sv_json_get(j, i, "corner"), err, SV_E_RANGE,
-                        "a distance of the corner of 0 to 100 focal lengths was expected");
-  if (!sv_photometry_has_light(p))
-    return sv_json_fail(j, i, err, SV_E_RANGE,
-                        "the falloff leaves less than 5 %% or more than 150 %% of the light somewhere");
-  if (!sv_photometry_inverse(p, inverse))
-    return sv_json_fail(j, sv_json_get(j, i, "color"), err, SV_E_RANGE,
-                        "a color matrix whose inverse is at most 10 was expected");
-  return SV_OK;
+  return sv_photometry_json_read(j, i_view, p, err);
 }
 
 static sv_status read_sub_view(const reader *r, const sv_json *j, int i, sv_err *err) {
@@ -409,19 +380,9 @@ static void add_sensor(sv_str *out, const sv_sub_view *v) {
   sv_str_add(out, "%s}", v->n_modes ? "]" : "");
 }
 
-static void add_doubles(sv_str *out, const char *key, const double *v, int n) {
-  sv_str_add(out, ", \"%s\": [", key);
-  for (int i = 0; i < n; i++) sv_str_add(out, "%s%.6g", i ? ", " : "", v[i]);
-  sv_str_add(out, "]");
-}
-
 static void add_photometric(sv_str *out, const sv_photometry *p) {
-  if (!p->is_known) return;
-  sv_str_add(out, ", \"photometric\": {\"corner\": %.6g", p->corner);
-  add_doubles(out, "color", p->color, 9);
-  add_doubles(out, "falloff", p->falloff, 3);
-  add_doubles(out, "color_sigma", p->color_sigma, 3);
-  sv_str_add(out, ", \"falloff_sigma\": %.3g}", p->falloff_sigma);
+  if (p->is_known) sv_str_add(out, ", ");
+  sv_photometry_json_write(out, p);
 }
 
 static void add_trigger(sv_str *out, const sv_trigger *t) {

@@ -8,9 +8,9 @@
 // lights. "mask": "b.png" may name an 8-bit grey image of the sub-view's size, black where its
 // image is ignored: housing, own shadow; not for multiplexed rigs. "readout_ms": 20 with "shutter":
 // "down" | "up" | "right" | "left" is the time from the first line of the sensor to the last;
-// without it the shutter is global. "photometric": {"corner": 0.62, "color": [9 numbers],
-// "falloff": [k1, k2, k3], "color_sigma": [3], "falloff_sigma": 0.004} is what its camera makes of
-// the light that the reference camera would show (src/rig/photometry.h). At the top, "trigger" may
+// without it the shutter is global. "photometric": {"corner": 0.62, "color": [9 numbers], ...} is
+// what its camera makes of the light that the reference camera would show
+// (src/format/photometry_json.h). At the top, "trigger" may
 // name the cameras' trigger line (src/rig/trigger.h): {"line": "gpio:gpiochip0:17",
 // "period_us": 33333, "width_us": 1000, "polarity": "high" | "low",
 // "mode": "imx296.trigger_mode:1"}. "scale_sigma": 0.0004 at the top is one standard deviation of

@@ -26,6 +26,16 @@ double sv_photometry_falloff(const sv_photometry *p, double r2) {
   return 1 + q * (p->falloff[0] + q * (p->falloff[1] + q * p->falloff[2]));
 }
 
+void sv_photometry_fit(const double light[3], double k[3]) {
+  double d[3];
+  for (int i = 0; i < 3; i++) d[i] = (light[i] - 1) * 3 / (i + 1);
+  // a parabola through three points one third apart, about the first
+  const double second = 4.5 * (d[2] - 2 * d[1] + d[0]), first = 3 * (d[1] - d[0]) - second / 3;
+  k[2] = second;
+  k[1] = first - 2 * second / 3;
+  k[0] = d[0] - first / 3 + second / 9;
+}
+
 bool sv_photometry_inverse(const sv_photometry *p, double out[9]) {
   const double *m = p->color;
   const double c[9] = {m[4] * m[8] - m[5] * m[7], m[2] * m[7] - m[1] * m[8], m[1] * m[5] - m[2] * m[4],

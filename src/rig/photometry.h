@@ -33,6 +33,8 @@ sv_photometry sv_photometry_none(const sv_camera_model *m);
 double sv_photometry_r2(const sv_photometry *p, const sv_camera_model *m, double u_px, double v_px);
 // Share of the light at r^2, as at 1 beyond it.
 double sv_photometry_falloff(const sv_photometry *p, double r2);
+// k1, k2, k3 so that the falloff is light[0..2] at r^2 = 1/3, 2/3 and 1.
+void sv_photometry_fit(const double light[3], double falloff[3]);
 // The inverse of the color matrix; false where there is none that a camera can have: it would make
 // some light more than ten times as bright.
 bool sv_photometry_inverse(const sv_photometry *p, double out[9]);

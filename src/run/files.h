@@ -79,6 +79,9 @@ sv_unit sv_app_unit(const sv_app *app);
 // poses.json, as subview-calibrate pose writes it.
 sv_status sv_app_write_poses(sv_app *app, sv_sink sink, sv_err *err) SV_MUST_USE;
 // The memory map as text, a line for each part; or as elements of a JSON array.
+// The member "measured" of run.json, photometric calibrations (photometric.c), with a comma after
+// it; nothing without appearance, or where the rig corrected the pictures.
+void sv_app_add_photometric(sv_str *out, const sv_app *app);
 void sv_app_memory_map(sv_str *out, const sv_arena *arena, bool is_json);
 
 #endif

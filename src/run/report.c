@@ -225,6 +225,7 @@ sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
              app->trainer.n_relocated, app->trainer.render.stats.n_dropped,
              (unsigned long long)app->capture.n_device_errors);
   add_appearance(&s, app);
+  sv_app_add_photometric(&s, app);
   add_odometry(&s, app);
   add_timing(&s, app);
   add_live(&s, app);

@@ -176,18 +176,14 @@ static bool solve_channel(problem *p, int channel) {
 
 // --- from logarithms to groups -------------------------------------------------------------------
 
-// k1, k2, k3 so that 1 + k1 q + k2 q^2 + k3 q^3 is exp(f1 q + f2 q^2) at q = 1/3, 2/3 and 1.
-static void falloff_of(double f1, double f2, double k[3]) {
-  double d[3];
+// Of logarithms f1 q + f2 q^2.
+static void falloff_of(const double f[2], double k[3]) {
+  double light[3];
   for (int i = 0; i < 3; i++) {
     const double q = (i + 1) / 3.0;
-    d[i] = (sv_exp(f1 * q + f2 * q * q) - 1) / q;
+    light[i] = sv_exp(q * (f[0] + q * f[1]));
   }
-  // a parabola through three points one third apart, about the first
-  const double second = 4.5 * (d[2] - 2 * d[1] + d[0]), first = 3 * (d[1] - d[0]) - second / 3;
-  k[2] = second;
-  k[1] = first - 2 * second / 3;
-  k[0] = d[0] - first / 3 + second / 9;
+  sv_photometry_fit(light, k);
 }
 
 static void keep_start(sv_appearance_group *g, int n) {
@@ -305,7 +301,7 @@ static void set_camera(problem *p, int c) {
   sv_photometry *measured = &p->t->appearance.measured[c];
   double f[2];
   solved_falloff(p, c, f);
-  falloff_of(f[0], f[1], measured->falloff);
+  falloff_of(f, measured->falloff);
   measured->falloff_sigma *= sv_exp(f[0] + f[1]);
   measured->is_known = true;
   for (int k = 0; k < 3; k++) measured->is_known &= measured->color_sigma[k] < UNKNOWN;

@@ -94,6 +94,50 @@ TEST(test_white_pictures) {
   assert_int_equal(temp_folder_remove(dir), 0);
 }
 
+// A run of a scene measures its cameras: within 2 %, mixing of channels within 0.02 of the light.
+static void check_scene(const char *rig, const char *crosstalk, const char *const *names,
+                        const double (*gain)[3], double mix) {
+  static const char *const gains[] = {"\"gain_r\": ", "\"gain_g\": ", "\"gain_b\": "},
+                           *const mixes[] = {"\"mix_rg\": ", "\"mix_rb\": ", "\"mix_gr\": ",
+                                             "\"mix_gb\": ", "\"mix_br\": ", "\"mix_bg\": "};
+  char dir[256];
+  assert_int_equal(temp_folder_make(dir, sizeof dir, "photometric"), 0);
+  assert_int_equal(
+      shell_run("'%s/subview' capture --source sim:room,rig=%s,size=320x240,exposures=1 --exposures 1 --out "
+                "'%s/cap' --quiet 2>&1; cp -r '%s/cap/rig' '%s/rig'; '%s/subview' run --source "
+                "sim:room,rig=%s,size=320x240,exposures=16," DIFFERENT
+                "%s --exposures 16 --steps 1 --gaussians 8000 --appearance cameras --quiet --out '%s/run' "
+                "2>&1",
+                shell_bin(), rig, dir, dir, dir, shell_bin(), rig, crosstalk, dir),
+      0);
+  assert_int_equal(shell_run("'%s/subview-calibrate' photometric --rig '%s/rig' --run '%s/run' --json 2>&1",
+                             shell_bin(), dir, dir),
+                   0);
+  for (int c = 0; names[c]; c++) {
+    const char *at = strstr(shell_out, names[c]);
+    double worst = 0, worst_mix = 0;
+    for (int k = 0; k < 3; k++)
+      worst = fmax(worst, fabs(number_from(at, gains[k]) / (gain[c][k] * (c ? 1 - 2 * mix : 1)) - 1));
+    for (int k = 0; k < 6; k++)
+      worst_mix =
+          fmax(worst_mix, fabs(number_from(strstr(shell_out, names[1]), mixes[k]) / gain[1][k / 2] - mix));
+    const double corner = number_from(at, "\"corner_light\": ");
+    print_message("%s: gains off by %.2f %%, light at the corner %.4f, mixing off by %.4f\n", names[c],
+                  100 * worst, corner, worst_mix);
+    assert_true(worst <= 0.02 && worst_mix <= 0.02 && fabs(corner - 0.6) <= 0.02);
+  }
+  assert_int_equal(shell_run("cat '%s/rig/rig.json'", dir), 0);
+  assert_contains(shell_out, "\"mix_sigma\": ");
+  assert_int_equal(temp_folder_remove(dir), 0);
+}
+
+TEST(test_scene) {
+  static const char *const names[] = {"\"left\"", "\"right\"", NULL};
+  const double gain[2][3] = {{1, 1, 1}, {right[0], right[1], right[2]}};
+  check_scene("stereo", "", names, gain, 0);
+  check_scene("stereo", ",crosstalk=0.1", names, gain, 0.1);
+}
+
 TEST(test_boards) {
   char dir[256];
   need_board();
@@ -126,7 +170,7 @@ TEST(test_refused) {
   assert_int_equal(calibrate(dir, "--white", "left", ""), 1);
   assert_contains(shell_out, "has 2 cameras, --white names 1");
   assert_int_equal(calibrate(dir, "", "", ""), 2);
-  assert_contains(shell_out, "either --white or --images");
+  assert_contains(shell_out, "one of --white, --images and --run");
   assert_int_equal(calibrate(dir, "--images", "left right", ""), 2);
   assert_contains(shell_out, "--images and --board");
   assert_int_equal(shell_run("cat '%s/rig/rig.json'", dir), 0);
@@ -136,6 +180,6 @@ TEST(test_refused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_white_pictures), cmocka_unit_test(test_boards),
-                                     cmocka_unit_test(test_refused)};
+                                     cmocka_unit_test(test_scene), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -28,7 +28,7 @@ enum {
 typedef struct {
   sv_option_list images; // of --images: one for each camera
   sv_option_list whites; // of --white, likewise
-  const char *board, *model, *out, *name, *rig, *isolated, *white, *capture, *paper;
+  const char *board, *model, *out, *name, *rig, *isolated, *white, *capture, *paper, *run;
   int n_cols, n_rows; // of --board
   double spacing_m, pitch_m, focal_px, dark;
   long threads, feed_fd, memory_mib;

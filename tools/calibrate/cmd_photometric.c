@@ -10,6 +10,7 @@
 
 #define BLOCK_BYTES ((size_t)64 << 20)
 #define UNEVEN      0.03
+#define UNCERTAIN   0.1 // of the light at the corner
 
 typedef struct {
   sv_arena arena, scratch;
@@ -77,11 +78,32 @@ static sv_status from_boards(job *j, const cal_options *o, lab_session *se, sv_e
   return s;
 }
 
+static sv_status from_run(job *j, const cal_options *o, sv_err *err) {
+  sv_status s = cal_scene_read(o->run, &j->rig, j->found, err);
+  for (int i = 0; i < j->rig.n_sub_views && s == SV_OK; i++)
+    if (j->found[i].found.falloff_sigma > UNCERTAIN)
+      cal_advise(&j->advice,
+                 "%s: the scene hardly tells the lens's falloff (+- %.0f %% at the corner): let textured "
+                 "surfaces fill the images, in more exposures, or use --white",
+                 j->rig.sub_views[i].name, 100 * j->found[i].found.falloff_sigma);
+  return s;
+}
+
 static sv_status solve(job *j, const cal_options *o, lab_session *se, sv_err *err) {
+  if (o->run) return from_run(j, o, err);
   return o->whites.n ? from_white(j, o, err) : from_boards(j, o, se, err);
 }
 
 // --- what is told --------------------------------------------------------------------------------
+
+// The color's terms off the diagonal, row by row.
+static void report_mixing(lab_report *r, const sv_photometry *p) {
+  static const char *const names[] = {"mix_rg", "mix_rb", "mix_gr", "mix_gb", "mix_br", "mix_bg"};
+  if (!(p->mix_sigma > 0)) return;
+  for (int i = 0, k = 0; i < 9; i++)
+    if (i % 4) lab_report_num(r, names[k++], p->color[i]);
+  lab_report_num(r, "mix_sigma", p->mix_sigma);
+}
 
 static void report(lab_report *r, const job *j) {
   lab_report_begin(r);
@@ -94,6 +116,7 @@ static void report(lab_report *r, const job *j) {
     lab_report_text(r, "name", j->rig.sub_views[i].name);
     for (int k = 0; k < 3; k++) lab_report_num(r, gains[k], p->color[4 * k]);
     for (int k = 0; k < 3; k++) lab_report_num(r, sigmas[k], p->color_sigma[k]);
+    report_mixing(r, p);
     lab_report_num(r, "corner_light", sv_photometry_falloff(p, 1));
     lab_report_num(r, "corner_sigma", p->falloff_sigma);
     lab_report_int(r, "pictures", j->found[i].n_pictures);
@@ -159,8 +182,8 @@ static sv_status run(void *memory, const cal_frame *frame, sv_err *err) {
 }
 
 int cal_cmd_photometric(const cal_options *o) {
-  if ((o->whites.n > 0) == (o->images.n > 0))
-    return cal_usage("photometric", "either --white or --images is needed");
+  if ((o->whites.n > 0) + (o->images.n > 0) + (o->run != NULL) != 1)
+    return cal_usage("photometric", "one of --white, --images and --run is needed");
   if ((o->images.n > 0) != (o->board != NULL))
     return cal_usage("photometric", "--images and --board must be given together");
   return cal_frame_run(o, sizeof(job), BLOCK_BYTES, run);

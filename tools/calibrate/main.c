@@ -86,18 +86,22 @@ static const cal_command commands[] = {
       "  subview-calibrate noise --rig flat/rig --images flat/left flat/right",
       CAL_NOISE},
      cal_cmd_noise},
-    {{"photometric", "--rig RIG (--white CAM0 CAM1 ... | --images CAM0 CAM1 ... --board WxH) [options]",
-      "white pictures or chessboards -> vignetting, gains and white balance of each camera",
+    {{"photometric",
+      "--rig RIG (--white CAM0 CAM1 ... | --images CAM0 CAM1 ... --board WxH | --run DIR) [options]",
+      "white pictures, chessboards or a scene -> vignetting, gains and color matrix of each camera",
       "Measures what each camera makes of the same light: the lens's falloff towards the corners, and gain "
       "and\nwhite balance relative to the first camera. Adds \"photometric\" to RIG/rig.json; 'subview run' "
-      "then "
-      "corrects\nframes as they come. Cameras must be locked at the exposure, gain and white balance that "
-      "scans "
-      "use.\nWhite: fill all images with an evenly lit white surface (a wall, a sheet before the lens), some "
-      "pictures, not\nsaturated; text matched by the wildcards pairs pictures of one instant. Chessboard: "
-      "its white "
-      "squares, in the\npictures of 'subview-calibrate board'; vignetting needs boards in all corners.",
-      "  subview-calibrate photometric --rig rig --white 'left*.png' 'right*.png'", CAL_PHOTOMETRIC},
+      "then corrects\nframes as they come. Cameras must be locked at the exposure, gain and white balance "
+      "that scans use.\nWhite: fill all images with an evenly lit white surface (a wall, a sheet before the "
+      "lens), some pictures, not\nsaturated; text matched by the wildcards pairs pictures of one instant. "
+      "Chessboard: its white squares, in the\npictures of 'subview-calibrate board'; vignetting needs boards "
+      "in all corners. Scene: a run of 'subview run\n--appearance cameras' compares surfaces that several "
+      "images show: 20 exposures and more of a textured room, or of\nwhat else fills the images, with "
+      "overlap of all cameras with the first. Scenes of several colors give the color\nmatrix, too.",
+      "  subview-calibrate photometric --rig rig --white 'left*.png' 'right*.png'\n"
+      "  subview run --source CAMERAS --rig rig --exposures 24 --steps 1 --appearance cameras --out scene\n"
+      "  subview-calibrate photometric --rig rig --run scene",
+      CAL_PHOTOMETRIC},
      cal_cmd_photometric},
 };
 #define N_COMMANDS ((int)(sizeof commands / sizeof *commands))

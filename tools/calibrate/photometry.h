@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Photometric calibration of a rig (src/rig/photometry.h) from white pictures and from the white
-// squares of a chessboard. The first sub-view is the reference.
+// Photometric calibration of a rig (src/rig/photometry.h) from white pictures, from the white
+// squares of a chessboard and from scenes. The first sub-view is the reference.
 #ifndef SV_TOOLS_CALIBRATE_PHOTOMETRY_H
 #define SV_TOOLS_CALIBRATE_PHOTOMETRY_H
 
@@ -27,6 +27,9 @@ const char *cal_picture_of(const cal_boards *b, int c, int f);
 // out: [n_sub_views].
 sv_status cal_white_solve(const sv_rig *rig, const cal_boards *b, cal_photometry *out,
                           sv_err *err) SV_MUST_USE;
+
+// What a run in a folder measured on its scene; n_pictures: its exposures.
+sv_status cal_scene_read(const char *run, const sv_rig *rig, cal_photometry *out, sv_err *err) SV_MUST_USE;
 
 // The light of a white square, in one picture of a board.
 typedef struct {

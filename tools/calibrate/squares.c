@@ -226,17 +226,14 @@ static double variance_of(problem *p, int from, int n, double variance) {
   return variance * sum;
 }
 
-// k1, k2, k3 so that the polynomial is exp(f1 q + f2 q^2 + f3 q^3) at q = 1/3, 2/3 and 1.
+// Of logarithms f1 q + f2 q^2 + f3 q^3.
 static void falloff_of(const double f[3], double k[3]) {
-  double d[3];
+  double light[3];
   for (int i = 0; i < 3; i++) {
     const double q = (i + 1) / 3.0;
-    d[i] = (exp(q * (f[0] + q * (f[1] + q * f[2]))) - 1) / q;
+    light[i] = exp(q * (f[0] + q * (f[1] + q * f[2])));
   }
-  const double second = 4.5 * (d[2] - 2 * d[1] + d[0]), first = 3 * (d[1] - d[0]) - second / 3;
-  k[2] = second;
-  k[1] = first - 2 * second / 3;
-  k[0] = d[0] - first / 3 + second / 9;
+  sv_photometry_fit(light, k);
 }
 
 static bool solve(problem *p, cal_photometry *out) {
