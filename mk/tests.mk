@@ -10,7 +10,7 @@ HEAP_USERS := fault/test_hostile_jpeg fault/test_heap_live fault/test_heap_run f
   unit/test_codec unit/test_linux unit/test_heap_count unit/test_replay
 # Programs that are linked with calibration and its libraries.
 SOLVE_USERS := unit/test_boards unit/test_rig_pose unit/test_calib_mrcal unit/test_lenslets \
-  scenario/test_real_boards scenario/test_lenslet_rig scenario/test_shutter_rig scenario/test_calibrate_page \
+  scenario/test_real_boards scenario/test_fisheye_rig scenario/test_lenslet_rig scenario/test_shutter_rig scenario/test_calibrate_page \
   scenario/test_photometric_rig
 
 # Programs alone must not need tests/common (tools/lint/links.sh checks).
