@@ -119,6 +119,19 @@ static void look_at(sv_linux_preview *l) {
   if (read(l->pipe_fd[0], &i, 1) == 1 && i < n) l->looked_until_ns[i] = now_ns() + LOOKED_NS;
 }
 
+// A scan's folder has the name that the page's server finds it by (platform/preview/scans.h).
+static void export_scan(sv_linux_preview *l) {
+  uint8_t b[5];
+  char folder[700];
+  if (read(l->pipe_fd[0], b, sizeof b) != (ssize_t)sizeof b || !l->scans[0]) return;
+  const uint32_t number = (uint32_t)b[1] << 24 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 8 | b[4];
+  if (number == 0 || number > 99999999) return;
+  if (!l->scan_name[0]) sv_fmt(folder, sizeof folder, "%s/%04u", l->scans, number);
+  else if (number == 1) sv_fmt(folder, sizeof folder, "%s/%s", l->scans, l->scan_name);
+  else sv_fmt(folder, sizeof folder, "%s/%s-%u", l->scans, l->scan_name, number);
+  (void)sv_linux_exporter_make(&l->exporter, folder, b[0]); // the page asks again
+}
+
 static uint32_t looked_at(void *self) {
   const sv_linux_preview *l = self;
   const sv_ns now = now_ns();
@@ -131,6 +144,7 @@ static uint32_t looked_at(void *self) {
 static sv_command command_of(sv_linux_preview *l, char byte) {
   switch (byte) {
   case SV_PREVIEW_LOOK: look_at(l); return SV_COMMAND_NONE;
+  case SV_PREVIEW_EXPORT: export_scan(l); return SV_COMMAND_NONE;
   case SV_PREVIEW_START: return SV_COMMAND_START;
   case SV_PREVIEW_PAUSE: return SV_COMMAND_PAUSE;
   case SV_PREVIEW_SAVE: return SV_COMMAND_SAVE;
@@ -146,6 +160,7 @@ static sv_command command_of(sv_linux_preview *l, char byte) {
 }
 
 static void look_after(sv_linux_preview *l, sv_ns now) {
+  sv_linux_exporter_step(&l->exporter);
   if (l->pid > 0) {
     if (waitpid(l->pid, NULL, WNOHANG) == l->pid) l->pid = 0;
     else if (now - l->beat_ns > HANG_NS) kill(l->pid, SIGKILL);
@@ -231,6 +246,10 @@ sv_status sv_linux_preview_serve(sv_linux_preview *l, const char *program, const
     l->argv[n++] = "--scan-name";
     l->argv[n++] = l->scan_name;
   }
+  if (l->scans[0] && sv_linux_exporter_open(&l->exporter)) {
+    l->argv[n++] = "--exports";
+    l->argv[n++] = "yes";
+  }
   l->argv[n] = NULL;
   start_server(l);
   while (now_ns() - l->started_ns < READY_NS && !l->is_served && !l->is_refused && l->pid > 0) {
@@ -259,6 +278,7 @@ void sv_linux_preview_publish(sv_linux_preview *l, sv_publish *p) {
 }
 
 void sv_linux_preview_close(sv_linux_preview *l) {
+  sv_linux_exporter_close(&l->exporter);
   if (l->pid > 0) {
     kill(l->pid, SIGTERM);
     for (int i = 0; i < 40 && l->pid > 0; i++) {

@@ -9,6 +9,7 @@
 
 #include <sys/types.h>
 
+#include "platform/linux/exporter.h"
 #include "src/port/feed.h"
 #include "src/port/port.h"
 
@@ -23,6 +24,9 @@
 // With four bytes: columns and rows of inner corners, and the side of a square in units of 0.1 mm,
 // the high byte first. All five in one write.
 #define SV_PREVIEW_CALIBRATE 'c'
+// With five bytes: a format (sv_linux_export_format) and the number of a scan, the high byte first;
+// all in one write.
+#define SV_PREVIEW_EXPORT 'e'
 // With a byte, the camera's number, both in one write: somebody looks at it in full view.
 #define SV_PREVIEW_LOOK   'w'
 #define SV_PREVIEW_NORMAL '1' // before Start
@@ -43,7 +47,8 @@ typedef struct {
   sv_ns started_ns, beat_ns, next_start_ns, next_look_ns;
   bool is_served, is_refused;
   uint32_t n_restarts;
-  sv_ns looked_until_ns[32]; // of each camera
+  sv_ns looked_until_ns[32];  // of each camera
+  sv_linux_exporter exporter; // of scans
   struct {
     int n_cols, n_rows;
     double spacing_m;

@@ -27,6 +27,7 @@ typedef struct {
   long attach_pid;
   const char *tls; // NULL: plain HTTP
   const char *scans, *scan_name;
+  bool has_exports;
 } options;
 
 static void say(int fd, const char *fmt, ...) SV_PRINTF(2, 3);
@@ -89,7 +90,8 @@ static int parse(int argc, char **argv, options *o, sv_err *err) {
     } else if (!strcmp(argv[i], "--scans") || !strcmp(argv[i], "--scan-name")) {
       if (!*value) return usage("%s: a name is missing", argv[i]);
       *(argv[i][6] == 's' ? &o->scans : &o->scan_name) = value;
-    } else if (!strcmp(argv[i], "--tls")) {
+    } else if (!strcmp(argv[i], "--exports")) o->has_exports = !strcmp(value, "yes");
+    else if (!strcmp(argv[i], "--tls")) {
       if (!*value) return usage("%s: expected a file", argv[i]);
       o->tls = value;
     } else if (!strcmp(argv[i], "--attach") || !strcmp(argv[i], "--feed-fd") ||
@@ -179,6 +181,8 @@ static int serve(options *o, pv_source *source, sv_err *err) {
   if (s >= 0 && o->tls)
     say(2, "certificate: %sSHA-256 %s\n", tls.is_new ? "new, browsers ask once; " : "", tls.fingerprint);
   make_key(read_key);
+  source->command_fd = o->command_fd;
+  source->scans.has_exports = o->has_exports;
   pv_server_cfg cfg = {.source = source,
                        .addr = o->addr,
                        .port = o->port,

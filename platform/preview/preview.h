@@ -15,6 +15,8 @@
 //   GET  /model.ply /model.splat /model.spz   downloads
 //   GET  /scans /scan/NUMBER/NAME             earlier scans (scan_routes.h)
 //   POST /scan/NUMBER/delete /restore /purge  likewise, from the page that has control
+//   POST /scan/NUMBER/sog /html /glb          likewise: asks for that file; the list has it when it
+//                     is made
 //   GET  /look-key    with the token: the secret of links that show and cannot control
 //   POST /draft /normal /fine                 the budget of the next Start, as /start
 //   POST /start /pause /save /new             with the token in X-Subview-Token, from the page that
@@ -75,6 +77,7 @@ typedef struct {
   int stale_s; // seconds without progress, 0: the run is well
   pv_control control;
   pv_scans scans;
+  int command_fd; // to the runtime; -1: it takes no commands
   char sandbox[128];
 } pv_source;
 

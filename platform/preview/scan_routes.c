@@ -9,6 +9,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "platform/linux/preview.h"
 #include "platform/preview/compact.h"
 #include "src/format/axes.h"
 #include "src/format/gaussian.h"
@@ -271,11 +272,25 @@ static bool may_be_written(pv_source *s, uint32_t number) {
   return true;
 }
 
+// The runtime makes the file, in a process of its own; asking again while it does is no harm.
+static pv_answer ask_export(pv_source *s, uint32_t number, int format) {
+  const uint8_t bytes[6] = {SV_PREVIEW_EXPORT,       (uint8_t)format,        (uint8_t)(number >> 24),
+                            (uint8_t)(number >> 16), (uint8_t)(number >> 8), (uint8_t)number};
+  if (!s->scans.has_exports)
+    return answer_of(MHD_HTTP_SERVICE_UNAVAILABLE,
+                     "this device cannot make that format: install the package subview-lab on it\n");
+  if (write(s->command_fd, bytes, sizeof bytes) != (ssize_t)sizeof bytes)
+    return answer_of(MHD_HTTP_SERVICE_UNAVAILABLE, "the run accepts no commands at the moment\n");
+  return answer_of(MHD_HTTP_OK, "asked\n");
+}
+
 pv_answer pv_scan_post(pv_source *s, const char *url) {
   static const char *const names[] = {"delete", "restore", "purge"};
   pv_scans_ask ask = {0};
   const char *name;
   if (!read_url(url, &ask.number, &name)) return answer_of(MHD_HTTP_NOT_FOUND, "no such page\n");
+  for (int k = 0; sv_linux_export_format(k); k++)
+    if (!strcmp(name, sv_linux_export_format(k))) return ask_export(s, ask.number, k);
   uint32_t i = 0;
   while (i < 3 && strcmp(name, names[i]) != 0) i++;
   if (i == 3) return answer_of(MHD_HTTP_NOT_FOUND, "no such page\n");

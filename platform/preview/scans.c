@@ -11,7 +11,8 @@
 
 const char *pv_scan_file_name(int i) {
   static const char *const names[PV_N_SCAN_FILE] = {"model.ply", "preview.jpg", "run.json", "motion.bin",
-                                                    "mesh.ply",  "mesh.glb",    "mesh.obj", "model.svseq"};
+                                                    "mesh.ply",  "mesh.glb",    "mesh.obj", "model.svseq",
+                                                    "model.sog", "model.html",  "model.glb"};
   return i < 0 || i >= PV_N_SCAN_FILE ? NULL : names[i];
 }
 
@@ -61,8 +62,8 @@ void pv_scans_json(pv_scans *s, sv_str *o) {
                r == SV_E_NOT_FOUND ? "this run keeps no scans" : "the folder of the scans cannot be read");
     return;
   }
-  sv_str_add(o, "{\"free\":%llu,\"total\":%llu,\"scans\":[", (unsigned long long)a->free_bytes,
-             (unsigned long long)a->total_bytes);
+  sv_str_add(o, "{\"free\":%llu,\"total\":%llu,\"exports\":%s,\"scans\":[", (unsigned long long)a->free_bytes,
+             (unsigned long long)a->total_bytes, s->has_exports ? "true" : "false");
   for (uint32_t i = 0; i < a->n; i++) {
     const pv_scan *v = &a->scan[i];
     char name[300];

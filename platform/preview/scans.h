@@ -19,7 +19,9 @@ extern "C" {
 #endif
 
 #define PV_CAP_SCANS   256 // listed: the newest
-#define PV_N_SCAN_FILE 8   // pv_scan_file_name
+#define PV_N_SCAN_FILE 11  // pv_scan_file_name
+// The last of these are made of the model on request, and not listed when it is newer.
+#define PV_N_SCAN_MADE 3
 #define PV_UNDO_S      600 // a deleted scan can be restored so long, then it goes
 
 // Where scans are. name empty: FOLDER/0001, FOLDER/0002, ...; else FOLDER/NAME (number 1),
@@ -63,7 +65,8 @@ void pv_scans_do(int folder_fd, const char *name, const pv_scans_ask *ask, pv_sc
 // --- the server's side (scans.c) -----------------------------------------------------------------
 typedef struct {
   pv_scans_place place;
-  int fd; // -1: there are no scans to show
+  int fd;           // -1: there are no scans to show
+  bool has_exports; // the last files can be made
   pv_scans_answer answer;
 } pv_scans;
 // Asks, and waits for the answer 2 s at most. E_IO: the helper is gone or late. file_fd NULL: none

@@ -81,6 +81,7 @@ static int move_scan(int folder_fd, const char *base, uint32_t number, bool is_d
 
 static bool look_at(int folder_fd, const char *name, pv_scan *out) {
   struct stat st;
+  int64_t made_s[PV_N_SCAN_FILE] = {0};
   const int fd = open_folder(folder_fd, name);
   DIR *d = fd < 0 ? NULL : fdopendir(fd);
   if (!d) {
@@ -93,11 +94,14 @@ static bool look_at(int folder_fd, const char *name, pv_scan *out) {
     for (int k = 0; k < PV_N_SCAN_FILE; k++)
       if (!strcmp(e->d_name, pv_scan_file_name(k))) {
         out->file_bytes[k] = (uint64_t)st.st_size;
-        if (k == 0) out->time_s = st.st_mtime;
+        made_s[k] = st.st_mtime;
       }
   }
   closedir(d);
-  return out->file_bytes[0] > 0; // without a model it is none yet
+  out->time_s = made_s[0];
+  for (int k = PV_N_SCAN_FILE - PV_N_SCAN_MADE; k < PV_N_SCAN_FILE; k++)
+    if (made_s[k] < out->time_s) out->file_bytes[k] = 0; // of an earlier model
+  return out->file_bytes[0] > 0;                         // without a model it is none yet
 }
 
 static int newer_first(const void *a, const void *b) {

@@ -157,8 +157,16 @@ static void test_scans(int i) {
   must(&b, "scans.list && scans.list.scans.length === 2 && $('scan-1').querySelector('img').naturalWidth > 0",
        10);
   must(&b, "/free of/.test($('scans-line').textContent) && !scans.list.scans[0].deleted", 2);
+  if (i == 0) { // formats that the device makes on request, at once for all sizes of the page
+    must(&b, "$('scan-1').querySelectorAll('a').length === 3", 5);
+    click("#scan-1 [aria-label^=\"Make .sog\"]");
+    must(&b, "!!$('scan-1').querySelector('a[href$=\"model.sog\"]')", 60);
+    click("#scan-1 [aria-label^=\"Make .html\"]");
+    click("#scan-1 [aria-label^=\"Make .glb\"]"); // waits for the other
+    must(&b, "$('scan-1').querySelectorAll('a').length === 6", 60);
+  }
   must(&b,
-       "[...$('scan-1').querySelectorAll('a')].length === 3 && "
+       "[...$('scan-1').querySelectorAll('a')].length === 6 && "
        "[...$('scan-1').querySelectorAll('a')].every((a)=>/[0-9] [KM]iB$/.test(a.textContent))",
        10);
   fits("scans");
@@ -166,7 +174,7 @@ static void test_scans(int i) {
   picture("scans", i);
   run("(async()=>{const r=[];for(const a of $('scan-1').querySelectorAll('a'))r.push((await (await "
       "fetch(a.href)).arrayBuffer()).byteLength>5000);return r.join()})()");
-  assert_string_equal(text, "true,true,true");
+  assert_string_equal(text, "true,true,true,true,true,true");
   click("#scan-1 [aria-label^=\"Delete\"]");
   must(&b, "!!$('scan-1').querySelector('[aria-label^=Undo]')", 5);
   click("#scan-1 [aria-label^=Undo]");

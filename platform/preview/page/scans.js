@@ -40,6 +40,28 @@ function link_of(scan, file, text) {
     fetch(a.href, { method: "HEAD" }).then((r) => r.ok && (a.textContent = text + " " + bytes(+r.headers.get("Content-Length")))).catch(() => {});
   return a;
 }
+// A format that the device makes on request: asked for again until the file is there.
+const exports = [["sog", ".sog"], ["html", ".html"], ["glb", ".glb"]], waited = new Map();
+function export_of(scan, id, text) {
+  const file = "model." + id, key = scan.number + "/" + id;
+  if (scan.files[file]) return waited.delete(key), link_of(scan, file, text);
+  const b = button(waited.has(key) ? "Making " + text : "Make " + text, () => make_export(scan, id, text), scan.name);
+  b.disabled ||= waited.has(key) || page.seat === 0;
+  return b;
+}
+async function make_export(scan, id, text) {
+  const key = scan.number + "/" + id, until = Date.now() + 120000;
+  waited.set(key, 1), show_scans();
+  for (let i = 0; waited.has(key) && Date.now() < until; i++) {
+    if (i % 5 === 0) {
+      const r = await fetch("/scan/" + key, { method: "POST", headers: token_header }).catch(() => 0);
+      if (r && !r.ok) return waited.delete(key), show_scans(), say(await r.text());
+    }
+    await new Promise((f) => setTimeout(f, 1000));
+    await load_scans();
+  }
+  if (waited.delete(key)) show_scans(), say("The device could not make " + text + ". Its log says why.");
+}
 function row_of(scan) {
   const li = element("li"), text = element("div", undefined, "scan-text"), row = element("p", undefined, "row");
   const date = new Date(1000 * scan.time).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" });
@@ -55,6 +77,7 @@ function row_of(scan) {
     row.append(button("View", () => view_scan(scan), scan.name));
     for (const [file, name] of formats) row.append(link_of(scan, file, name));
     for (const [file, name] of extras) if (scan.files[file]) row.append(link_of(scan, file, name));
+    if (scans.list.exports) for (const [id, name] of exports) row.append(export_of(scan, id, name));
     row.append(button("Delete", () => change_scan(scan.number, "delete"), scan.name));
   }
   text.append(row), li.append(text);
@@ -62,7 +85,7 @@ function row_of(scan) {
 }
 function show_scans() {
   const { error, free, total, scans: list } = scans.list;
-  set("scans-line", error ? error[0].toUpperCase() + error.slice(1) + "." : list.length + (list.length === 1 ? " scan. " : " scans. ") + bytes(free) + " free of " + bytes(total) + ".");
+  set("scans-line", error ? error[0].toUpperCase() + error.slice(1) + "." : list.length + (list.length === 1 ? " scan. " : " scans. ") + bytes(free) + " free of " + bytes(total) + "." + (scans.list.exports || error ? "" : " For SOG, HTML and GLB, install the package subview-lab on the device."));
   $("scans-list").replaceChildren(...list.map(row_of));
 }
 
