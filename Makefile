@@ -63,6 +63,7 @@ board-test: ## capture and train on a virtual ARM board with cameras (QEMU); und
 bare-test: ## the README's commands on minimal Debian 12 and 13 systems (needs root); RUNS=trixie: one of them
 kill-test: ## N=1000 kills of running programs at random moments: nothing torn, always resumed, the same digest
 bench: ## time the kernels (kernels.csv), whole steps and their stages, seconds to a quality (quality.csv)
+reproduce: ## measure the figures of docs/results.md again and compare (ONLY=pattern; SV_DATA=folder of datasets)
 soak: ## still, session and moving runs for HOURS=1, with memory, descriptors, ledger and quality watched
 soak-sim: ## long live runs on virtual clocks (EXPOSURES=10000 each)
 ring-stress: ## OPERATIONS=100000000 of a ring between two threads, under ThreadSanitizer
