@@ -61,6 +61,7 @@ static int look(const char *card) {
   sv_display_frame f;
   const int fd = open(card, O_RDWR | O_CLOEXEC);
   if (fd < 0) return 1;
+  (void)ioctl(fd, DRM_IOCTL_DROP_MASTER, NULL); // whoever opens a card first would be its master
   if (read_back(fd, &f)) printf("%dx%d, colors: %d\n", f.width_px, f.height_px, n_colors(&f));
   else printf("off\n");
   return 0;
