@@ -114,13 +114,10 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
   sv_driver_set_objective(&t, &sampling, c->optimizer);
   const sv_prior_cfg prior = sv_app_prior_cfg(c, t.cap_views);
   sv_prior_prepare(&prior, &t);
-  if (c->is_refining) // rates from trials on poses that were off by a quarter of a degree
-    t.poses = (sv_train_poses_cfg){.cap_poses = c->n_exposures,
-                                   .rot_rad = 2e-3f,
-                                   .place = 2e-3f,
-                                   .decay = 0.01f,
-                                   .from = 0.05f,
-                                   .until = 1};
+  if (c->is_refining) {
+    t.poses = sv_train_poses_defaults();
+    t.poses.cap_poses = c->n_exposures;
+  }
   plan_appearance(c, &t);
   t.is_deep = c->is_deep;
   t.is_rolling = is_rolling(c);

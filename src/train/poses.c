@@ -5,6 +5,10 @@
 #include "src/track/bundle.h"
 #include "src/train/train.h"
 
+sv_train_poses_cfg sv_train_poses_defaults(void) {
+  return (sv_train_poses_cfg){.rot_rad = 2e-3f, .place = 2e-3f, .decay = 0.01f, .from = 0.05f, .until = 1};
+}
+
 void sv_pose_twist_bwd(const sv_pose *c, const double g[6], double out[6]) {
   // omega_c = R omega, v_c = R v + t x R omega: what v_c feels of omega is its moment about the
   // camera.

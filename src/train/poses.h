@@ -23,6 +23,9 @@ typedef struct {
   float from, until; // progress between which poses move
 } sv_train_poses_cfg;
 
+// Rates from trials on poses that were off by a quarter of a degree; cap_poses is the caller's.
+sv_train_poses_cfg sv_train_poses_defaults(void);
+
 typedef struct {
   sv_pose rig_from_world, start;
   double m[6], v[6]; // Adam's moments

@@ -174,6 +174,24 @@ TEST(test_free_lenses) {
   lab_import_free(&im);
 }
 
+// In training, sub-views of an exposure together.
+TEST(test_in_training) {
+  lab_shell_need(&shell);
+  double loss[2];
+  for (int i = 0; i < 2; i++) {
+    char line[300];
+    snprintf(line, sizeof line, "@ train --data off --init stereo --steps 500 --gaussians 5000 --out t%d %s",
+             i, i ? "--refine-poses" : "");
+    lab_shell_run_well(&shell, line);
+    if (i) assert_contains(shell.said, "poses refined: moved by 0.");
+    const char *p = strstr(shell.said, "loss ");
+    assert_non_null(p);
+    loss[i] = strtod(p + 5, NULL);
+  }
+  print_message("loss %.4f, %.4f with refined poses\n", loss[0], loss[1]);
+  assert_true(loss[1] < 0.9 * loss[0]);
+}
+
 TEST(test_refused) {
   lab_shell_need(&shell);
   assert_int_equal(lab_shell_run(&shell, "@ import --from nerfstudio sim --free-lenses all --out x"), 2);
@@ -185,9 +203,8 @@ TEST(test_refused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_refined),
-      cmocka_unit_test(test_right_poses_stay),
-      cmocka_unit_test(test_free_lenses),
+      cmocka_unit_test(test_refined),     cmocka_unit_test(test_right_poses_stay),
+      cmocka_unit_test(test_free_lenses), cmocka_unit_test(test_in_training),
       cmocka_unit_test(test_refused),
   };
   return cmocka_run_group_tests(tests, setup, teardown);

@@ -163,6 +163,10 @@ typedef struct {
   float up[3];             // mean of the images' up
 } lab_scene;
 lab_scene lab_scene_of(const lab_views *v);
+// Different times of the views; places that the cameras were at, for rigs that stand still while
+// the scene moves.
+int lab_n_times(const lab_views *v);
+int lab_n_places(const lab_views *v);
 
 // Points of a PLY, malloc'ed; radius: 1.5 x the median distance to their centroid.
 sv_status lab_points_read(const char *path, sv_point **points, int *n, float centre[3], float *radius,

@@ -155,3 +155,31 @@ sv_status lab_points_read(const char *path, sv_point **points, int *n, float cen
   *n = (int)ply.n;
   return SV_OK;
 }
+
+static bool is_same_place(const lab_frame *a, const lab_frame *b) {
+  const sv_pose *p = &a->f.cam_from_world, *q = &b->f.cam_from_world;
+  double far2 = 0;
+  for (int i = 0; i < 9; i++) far2 += (p->r[i] - q->r[i]) * (p->r[i] - q->r[i]);
+  for (int i = 0; i < 3; i++) far2 += (p->t[i] - q->t[i]) * (p->t[i] - q->t[i]);
+  return far2 < 1e-8;
+}
+
+int lab_n_times(const lab_views *v) {
+  int n = 0;
+  for (int i = 0; i < v->n; i++) {
+    int k = 0;
+    while (k < i && v->frames[i].view.time != v->frames[k].view.time) k++;
+    n += k == i;
+  }
+  return n;
+}
+
+int lab_n_places(const lab_views *v) {
+  int n = 0;
+  for (int i = 0; i < v->n; i++) {
+    int k = 0;
+    while (k < i && !is_same_place(&v->frames[i], &v->frames[k])) k++;
+    n += k == i;
+  }
+  return n;
+}

@@ -115,6 +115,10 @@ static const sv_option table[] = {
      "and "
      "cameras; the model and --eval have those of the first (off)",
      0, 0, 0},
+    {"refine-poses", SV_OPT_FLAG, LAB_TRAIN, 0, AT(is_refining), 0,
+     "refine the poses while training, of an exposure's sub-views together; for poses that are off by more "
+     "than pictures forgive (import --refine is better)",
+     0, 0, 0},
     {"seed", SV_OPT_INT, LAB_TRAIN | LAB_BENCH | LAB_TABLES, 0, AT(seed), "N", "random seed (1)", 0,
      4294967295.0, 0},
     {"split", SV_OPT_TEXT, LAB_EVAL | LAB_RENDER | LAB_COMPARE, 0, AT(split), "S",

@@ -55,7 +55,8 @@ typedef struct {
   long n_views, width_px;
   long prior_views, prior_calls;
   double prior_limit_s, prior_weight;
-  bool is_eval, is_json, is_quiet, is_quick, is_supported, has_depth, has_lpips, is_help, is_version;
+  bool is_refining, is_eval, is_json, is_quiet, is_quick, is_supported, has_depth, has_lpips, is_help,
+      is_version;
   // Of --loss; below 0: not given
   float ssim, tv, opacity, size, tv_novel, n_novel, novel_every, novel_px, novel_deg, region_px, min_scale_px,
       dilation_px2, supersample, dropout;

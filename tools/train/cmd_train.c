@@ -17,6 +17,7 @@
 #include "tools/train/measured.h"
 #include "tools/train/noise.h"
 #include "tools/train/plan.h"
+#include "tools/train/poses.h"
 #include "tools/train/prior.h"
 
 #define N_PANELS 4
@@ -84,42 +85,13 @@ static sv_sampling sampling_of(const lab_views *v) {
   return s;
 }
 
-static bool is_same_place(const lab_frame *a, const lab_frame *b) {
-  const sv_pose *p = &a->f.cam_from_world, *q = &b->f.cam_from_world;
-  double far2 = 0;
-  for (int i = 0; i < 9; i++) far2 += (p->r[i] - q->r[i]) * (p->r[i] - q->r[i]);
-  for (int i = 0; i < 3; i++) far2 += (p->t[i] - q->t[i]) * (p->t[i] - q->t[i]);
-  return far2 < 1e-8;
-}
-
-static int n_times(const lab_views *v) {
-  int n = 0;
-  for (int i = 0; i < v->n; i++) {
-    int k = 0;
-    while (k < i && v->frames[i].view.time != v->frames[k].view.time) k++;
-    n += k == i;
-  }
-  return n;
-}
-
-// Places that the cameras were at, for rigs that stand still while the scene moves.
-static int n_places(const lab_views *v) {
-  int n = 0;
-  for (int i = 0; i < v->n; i++) {
-    int k = 0;
-    while (k < i && !is_same_place(&v->frames[i], &v->frames[k])) k++;
-    n += k == i;
-  }
-  return n;
-}
-
 static void choose_objective(run *r) {
   const lab_options *o = r->o;
   sv_train_cfg *c = &r->cfg;
   sv_sampling s = sampling_of(&r->views);
   s.is_moving = c->has_motion;
-  if (s.is_moving) lab_dynamic_cfg(o, c->expected_steps, n_times(&r->views), &r->extras.dynamic);
-  if (s.is_moving) s.n_exposures = (n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
+  if (s.is_moving) lab_dynamic_cfg(o, c->expected_steps, lab_n_times(&r->views), &r->extras.dynamic);
+  if (s.is_moving) s.n_exposures = (lab_n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
   r->is_standing = s.is_moving && s.n_exposures == 1;
   s.is_far = o->init && (sv_str_eq(o->init, "sphere") || sv_str_eq(o->init, "cube"));
   sv_driver_set_objective(c, &s, o->optimizer ? 1 + sv_optimizer_by_name(o->optimizer) : 0);
@@ -319,6 +291,7 @@ static sv_status load(run *r, sv_err *err) {
     choose_objective(r);
   }
   if (s == SV_OK) s = lab_appearance_plan(&r->views, r->o->appearance, &r->cfg, err);
+  if (s == SV_OK && r->o->is_refining) lab_poses_plan(&r->views, &r->cfg);
   if (s == SV_OK) s = choose_start(r, err);
   // depth maps give up to one for each
   r->extras.n_points = r->is_stereo ? r->cfg.n_gaussians : r->start.n_points;
@@ -326,6 +299,7 @@ static sv_status load(run *r, sv_err *err) {
   if (s == SV_OK) s = load_pictures(r, err);
   if (s == SV_OK) s = add_views(r, err);
   if (s == SV_OK) s = add_measurements(r, err);
+  if (s == SV_OK && r->o->is_refining) lab_poses_set(&r->views, &r->plan.trainer);
   if (s == SV_OK) s = start(r, err);
   r->load_s = lab_seconds(&r->session) - t0;
   return s;
@@ -354,6 +328,10 @@ static sv_status train(run *r, sv_err *err) {
     return sv_fail(err, SV_E_INTERRUPTED, "stopped by request before the first step");
   if (s < 0 && !r->is_stopped) return s;
   r->render = sv_train_render_options(t, 1.0f, false);
+  if (r->o->is_refining) {
+    const lab_poses_moved m = lab_poses_measure(t);
+    lab_say(&r->session, "poses refined: moved by %.3f degrees and %.4g units in the mean", m.deg, m.shift);
+  }
   return SV_OK;
 }
 
