@@ -327,6 +327,29 @@ TEST(test_noise_is_a_setting) {
   assert_int_equal(count(shell.said, "no transforms_train_multiplexed.json"), 1);
 }
 
+// One's own recording: the first camera alone against all, on whole exposures held out of both.
+TEST(test_sub_views) {
+  lab_shell_need(&shell);
+  run_well(
+      "rm -rf ../own && @ import --from sim textured,rig=stereo,size=64x48,exposures=10 --out ../own --quiet "
+      "&& rm ../own/transforms_test.json && mv ../own/transforms_train.json ../own/transforms.json");
+  run_well("@ tables --data ../own --sub-views --steps 3 --gaussians 60 --jobs 1 --out v");
+  assert_contains(shell.said, "../own: 8 views of one camera, 16 of all, 4 held out");
+  char *text = slurp("v/real.csv"), cell[2][40];
+  const char *mono = strstr(text, "\nown,own,monocular,3DGS,"),
+             *rig = strstr(text, "\nown,own,all cameras,3DGS,");
+  assert_true(mono && rig);
+  for (int i = 5; i < 12; i++) {
+    field(mono + 1, i, cell[0], sizeof cell[0]);
+    field(rig + 1, i, cell[1], sizeof cell[1]);
+    assert_true(strtod(cell[0], NULL) > 0 && strtod(cell[1], NULL) > 0);
+    if (i == 8) assert_string_equal(cell[0], cell[1]); // the shared pixels
+  }
+  free(text);
+  assert_int_equal(run("@ tables --data ../s --sub-views --out v2"), 1);
+  assert_contains(shell.said, "has neither transforms_train.json nor transforms.json");
+}
+
 TEST(test_stop) {
   lab_shell_need(&shell);
   // The first run is long enough to be stopped in; SIGTERM reaches the program only, Ctrl-C would
@@ -408,6 +431,7 @@ int main(void) {
                                      cmocka_unit_test(test_parallel),
                                      cmocka_unit_test(test_other_pictures),
                                      cmocka_unit_test(test_noise_is_a_setting),
+                                     cmocka_unit_test(test_sub_views),
                                      cmocka_unit_test(test_stop),
                                      cmocka_unit_test(test_bad_input)};
   return cmocka_run_group_tests(tests, setup, teardown);

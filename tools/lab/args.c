@@ -32,6 +32,11 @@ static const sv_option table[] = {
      0, 0, 0},
     {"plan", SV_OPT_TEXT, LAB_TABLES, 0, AT(plan), "FILE",
      "write the missing runs as jobs, one line of shell each, instead of running them", 0, 0, 0},
+    {"sub-views", SV_OPT_FLAG, LAB_TABLES, 0, AT(is_sub_views), 0,
+     "--data are recordings of your own (transforms.json with exposures and sub-views, of a still scene): "
+     "the "
+     "first camera alone against all of them, on exposures that are held out of both",
+     0, 0, 0},
     {"collect", SV_OPT_FLAG, LAB_TABLES, 0, AT(is_collected), 0,
      "run nothing: make the tables of the results that are there, and tell what is missing", 0, 0, 0},
     {"jobs", SV_OPT_INT, LAB_TABLES, 0, AT(n_jobs), "N",

@@ -36,7 +36,7 @@ typedef struct {
       *antialias, *optimizer, *appearance;
   bool is_noise_on_prediction;
   const char *plan; // of tables, like the next two
-  bool is_collected;
+  bool is_collected, is_sub_views;
   long n_jobs;
   long exposures, gaussians, sh, steps, scale, seed, threads, orbit, frames, keep, spz_version;
   double time_limit_s, baseline_m, focal_px, focus_m;

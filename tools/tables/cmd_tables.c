@@ -170,9 +170,13 @@ static sv_status work_all(tables *t, sv_err *err) {
 static sv_status work(tables *t, sv_err *err) {
   sv_status s = sv_linux_catch_signals(err);
   if (s == SV_OK) s = know_program(t, err);
-  if (s == SV_OK) s = tables_scan(t, t->o->data, err);
+  char made[SV_CAP_PATH];
+  const bool is_made = t->o->is_sub_views;
+  if (s == SV_OK && is_made) s = open_out(t, err);
+  if (s == SV_OK && is_made) s = tables_sub_views(t, made, err);
+  if (s == SV_OK) s = tables_scan(t, is_made ? made : t->o->data, err);
   if (s == SV_OK && t->o->is_noise_on_prediction) s = leave_multiplexed(t, err);
-  if (s == SV_OK) s = open_out(t, err);
+  if (s == SV_OK && !is_made) s = open_out(t, err);
   if (s != SV_OK) return s;
   for (int i = 0; i < t->n_scenes; i++)
     if (t->scenes[i].kind != t->scenes[0].kind) return work_all(t, err);

@@ -250,7 +250,7 @@ static void put_tv_sentence(const page *p) {
 
 static void put_sheets(const page *p) {
   fprintf(p->f, "\n## Renderings\n\nOne exposure. Rows: ");
-  for (int d = 0; d < TABLES_N_DEVICES; d++) fprintf(p->f, "%s%s", d ? ", " : "", tables_device_words[d]);
+  for (int d = 0; d < TABLES_RIG; d++) fprintf(p->f, "%s%s", d ? ", " : "", tables_device_words[d]);
   fprintf(p->f,
           " (those that the scene has). Columns: truth, render, error (times 4), true depth, depth (near is "
           "bright; true depth: where the dataset has it).\n\n");

@@ -15,7 +15,7 @@
 #define NOMINAL_VIEW_S 0.16 // to score a view
 #define NOMINAL_CALL_S 0.3
 // 1000 steps, 20,000 Gaussians
-static const double nominal_s[TABLES_N_DEVICES] = {6.5, 9.5, 6.5, 5.5, 17};
+static const double nominal_s[TABLES_N_DEVICES] = {6.5, 9.5, 6.5, 5.5, 17, 9};
 
 const tables_file *tables_file_of(const tables *t, const tables_setting *s) {
   return &t->scenes[s->i_scene].of[s->device].files[s->i_file];
@@ -355,7 +355,7 @@ static sv_status plan_count(tables *t, sv_err *err) {
            "One exposure, near views, the same number of steps: %ld Gaussians against %ld. The rows \"all "
            "devices\" are the means over devices and scenes.",
            t->n_gaussians, TABLES_MANY * t->n_gaussians);
-  for (int d = 0; d <= TABLES_N_DEVICES; d++)
+  for (int d = 0; d <= TABLES_N_DEVICES; d++) // the last: all of them
     for (int is_many = 0; is_many < 2 && s == SV_OK; is_many++) {
       tables_setting like = {.n_gaussians = t->n_gaussians * (is_many ? TABLES_MANY : 1),
                              .device = d == TABLES_N_DEVICES ? -1 : d,

@@ -26,7 +26,8 @@ static const curve_plot curves[] = {
      false},
     {"exposures_abs_rel", "Depth error over the number of exposures", "exposures", TABLE_EXPOSURES,
      TABLES_ABS_REL, false}};
-const int tables_device_colours[TABLES_N_DEVICES] = {0x555555, 0x0072b2, 0x009e73, 0xe69f00, 0xd55e00};
+const int tables_device_colours[TABLES_N_DEVICES] = {0x555555, 0x0072b2, 0x009e73,
+                                                     0xe69f00, 0xd55e00, 0xcc79a7};
 static const struct {
   int figure;
   const char *name;
@@ -115,7 +116,7 @@ static sv_status write_curve(const tables *t, const curve_plot *c, bool *is_writ
           axis_word(c->figure));
   // the legend has room of its own above the curves
   fprintf(f, "set grid\nset key inside top left maxrows %d opaque\nset offsets 0, 0, graph %s, graph 0.05\n",
-          is_angle ? TABLES_N_DEVICES : 3, is_angle ? "0.5" : "0.35");
+          is_angle ? TABLES_RIG : 3, is_angle ? "0.5" : "0.35");
   fprintf(f, c->is_log_x || largest_x(t, c) > 12 ? "set logscale x\n" : "set xtics 1\n");
   int n_most = 0;
   for (int e = is_angle ? 1 : 0; e <= (is_angle ? 3 : 0); e += 2)

@@ -7,10 +7,10 @@
 #include "src/base/str.h"
 #include "tools/tables/tables.h"
 
-const char *const tables_device_names[TABLES_N_DEVICES] = {"mono", "phone", "stereo", "lightfield",
-                                                           "multiplexed"};
-const char *const tables_device_words[TABLES_N_DEVICES] = {"monocular", "phone", "stereo", "light field",
-                                                           "multiplexed"};
+const char *const tables_device_names[TABLES_N_DEVICES] = {"mono",       "phone",       "stereo",
+                                                           "lightfield", "multiplexed", "rig"};
+const char *const tables_device_words[TABLES_N_DEVICES] = {"monocular",   "phone",       "stereo",
+                                                           "light field", "multiplexed", "all cameras"};
 const char *const tables_kind_names[TABLES_N_KINDS] = {"synthetic", "static", "casual", "dynamic",
                                                        "multiplexed"};
 const char *const tables_split_names[TABLES_N_SPLITS] = {"test_near", "test"};

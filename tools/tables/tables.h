@@ -19,7 +19,16 @@
 // times as many Gaussians in the comparison of counts, as in the paper
 #define TABLES_MANY 5
 
-enum { TABLES_MONO, TABLES_PHONE, TABLES_STEREO, TABLES_LIGHTFIELD, TABLES_MULTIPLEXED, TABLES_N_DEVICES };
+// TABLES_RIG: all cameras of a recording of one's own; only tables of real cameras have it.
+enum {
+  TABLES_MONO,
+  TABLES_PHONE,
+  TABLES_STEREO,
+  TABLES_LIGHTFIELD,
+  TABLES_MULTIPLEXED,
+  TABLES_RIG,
+  TABLES_N_DEVICES
+};
 enum { TABLES_NEAR, TABLES_TEST, TABLES_N_SPLITS };
 enum { TABLES_PSNR, TABLES_SSIM, TABLES_LPIPS, TABLES_ABS_REL, TABLES_RMSE, TABLES_N_FIGURES };
 
@@ -150,6 +159,10 @@ sv_status tables_hash_file(uint64_t *h, const char *path, sv_err *err) SV_MUST_U
 // Finds the datasets' devices, angles and exposures; every file that a run will need is looked at.
 // `list` is DIR[,DIR...]; a DIR that is no dataset stands for the datasets in it.
 sv_status tables_scan(tables *t, const char *list, sv_err *err) SV_MUST_USE;
+
+// --sub-views: makes datasets of the recordings of --data in OUT/data (sub_views.c), each for its
+// first sub-view alone and for all of them; out is that folder.
+sv_status tables_sub_views(tables *t, char out[SV_CAP_PATH], sv_err *err) SV_MUST_USE;
 
 // Lays out all tables and the runs they need, each once.
 sv_status tables_plan(tables *t, sv_err *err) SV_MUST_USE;
