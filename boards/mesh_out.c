@@ -5,15 +5,15 @@
 
 #include "src/base/mathx.h"
 #include "src/mesh/mesh.h"
+#include "src/splat/surface.h"
 
 #define VOXELS       128 // of the scene's radius
 #define CAP_BLOCKS   8192
 #define CAP_VERTICES 400000
 #define N_TRIES      6     // each with voxels that are larger by
 #define COARSER      1.26f // which halves their number
-#define N_LAYERS     4     // of each Gaussian: the expected depth then lies on the surface
 #define ALPHA_MIN    0.5f  // a pixel that is mostly background has no depth
-#define MIN_VIEWS    5     // that saw a surface; one in eight of few
+#define MIN_VIEWS    16    // that saw a surface; one in five of few
 #define SMALL        0.02f // connected parts below this share of the largest are floaters
 
 static sv_mesh_cfg field_cfg(const float centre[3], float radius) {
@@ -44,14 +44,12 @@ sv_status mesh_out_carve(mesh_out *m, const sv_app_cfg *cfg, sv_arena *arena, sv
 
 // --- surfaces ------------------------------------------------------------------------------------
 
-// Opacities of several layers, 1 - (1 - opacity)^N_LAYERS, or again those that were trained.
-static void set_opacity(mesh_out *m, sv_gaussians *g, bool is_layered) {
+// Opacities for depth, or again those that were trained.
+static void set_opacity(mesh_out *m, sv_gaussians *g, bool is_surface) {
   for (int i = 0; i < g->n; i++) {
     sv_gaussian v;
     sv_gaussians_get(g, i, &v);
-    const double through = 1 / (1 + sv_exp((double)m->logit[i])), all = sv_pow(through, N_LAYERS);
-    v.opacity_logit = m->logit[i];
-    if (is_layered) v.opacity_logit = (float)sv_log(sv_maxd(1 - all, 1e-12) / sv_maxd(all, 1e-12));
+    v.opacity_logit = is_surface ? sv_surface_logit(m->logit[i], SV_SURFACE_OPACITY) : m->logit[i];
     sv_gaussians_put(g, i, &v);
   }
 }
@@ -60,11 +58,13 @@ static sv_status fuse_view(mesh_out *m, sv_mesh *mesh, sv_app *app, const sv_vie
   sv_trainer *t = &app->trainer;
   sv_render_options o = sv_train_render_options(t, 1.0f, false);
   o.has_depth = true;
+  o.has_surface = true;
+  for (int c = 0; c < 3; c++) o.bg[c] = 0;
   set_opacity(m, &t->g, true);
   sv_status s = sv_render(&t->render, &t->g, v, &o);
-  if (s >= 0) sv_render_expected_depth(&t->render, ALPHA_MIN, m->depth);
+  if (s >= 0) sv_render_surface_depth(&t->render, ALPHA_MIN, m->depth);
   set_opacity(m, &t->g, false);
-  o.has_depth = false;
+  o = sv_train_render_options(t, 1.0f, false);
   if (s >= 0) s = sv_render(&t->render, &t->g, v, &o); // color, as trained
   if (s >= 0) sv_mesh_fuse(mesh, &(sv_mesh_image){v, m->depth, &t->render.rgb}, &app->port.pool);
   return s;
@@ -91,7 +91,7 @@ static sv_status fuse(mesh_out *m, sv_mesh *mesh, sv_app *app, float voxel, sv_e
       return sv_fail(err, s, "view %d cannot be rendered for the mesh: %s", i, sv_status_text(s));
   }
   if (mesh->is_full) return SV_E_FULL;
-  return sv_mesh_extract(mesh, sv_maxi(1, sv_mini(MIN_VIEWS, sv_driver_n_views(t) / 8)));
+  return sv_mesh_extract(mesh, sv_maxi(1, sv_mini(MIN_VIEWS, sv_driver_n_views(t) / 5)));
 }
 
 // --- the file ------------------------------------------------------------------------------------

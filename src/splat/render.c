@@ -6,6 +6,7 @@
 #include "src/base/mathx.h"
 #include "src/base/rng.h"
 #include "src/splat/constants.h"
+#include "src/splat/surface.h"
 
 #define RANGE 512 // Gaussians projected by one task
 #define BATCH 512 // Gaussians binned at a time
@@ -93,7 +94,8 @@ typedef struct {
   int n_blocks, n_ranges;
   int dropout; // in steps of 1 / DROPOUT_STEPS
   uint32_t dropout_seed;
-  uint32_t colour; // backward on half of the tiles: theirs
+  const sv_surface *surface; // NULL: splats have colors
+  uint32_t colour;           // backward on half of the tiles: theirs
 } job;
 
 #define DROPOUT_BITS  8
@@ -121,6 +123,7 @@ static void project_task(void *arg, int i_task, int i_thread) {
     r->dropout_mask[b] = draw16(j->dropout, (uint32_t)b, j->dropout_seed);
   if (b0 < moved) n = j->k->project(&r->moved, b0, moved, thread_scratch(r, i_thread));
   if (moved < b1) rest = j->k->project(&r->project, b0 > moved ? b0 : moved, b1, thread_scratch(r, i_thread));
+  if (j->surface) sv_surface_planes(j->surface, 16 * b0, 16 * b1, r->splat);
   r->n_in_range[i_task] = n.n_visible + rest.n_visible;
   r->n_intersections_in_range[i_task] = n.n_intersections + rest.n_intersections;
 }
@@ -374,10 +377,12 @@ sv_status sv_render(sv_renderer *r, const sv_gaussians *g, const sv_view *view, 
   r->moved = r->project;
   r->moved.param = g->moved;
   r->n_moved_blocks = g->moved ? (g->n_moved + 15) / 16 : 0;
+  const sv_surface surface = {g, view, r->project.view.dilation_px2};
   job j = {.r = r,
            .k = r->compute.k,
            .n_blocks = (g->n + 15) / 16,
            .n_ranges = (g->n + RANGE - 1) / RANGE,
+           .surface = o->has_surface ? &surface : NULL,
            .dropout = dropout,
            .dropout_seed = o->dropout_seed};
   sv_pool_run(pool, project_task, &j, j.n_ranges);
@@ -473,5 +478,16 @@ void sv_render_expected_depth(const sv_renderer *r, float alpha_min, float *out)
       long o = (long)y * r->rgb.stride + x;
       float alpha = 1.0f - r->trans[o];
       out[o] = alpha > alpha_min ? r->depth[o] / (alpha > 1e-10f ? alpha : 1e-10f) : 0.0f;
+    }
+}
+
+void sv_render_surface_depth(const sv_renderer *r, float alpha_min, float *out) {
+  const float mid_x = 0.5f * (float)r->rgb.width_px, mid_y = 0.5f * (float)r->rgb.height_px;
+  for (int y = 0; y < r->rgb.height_px; y++)
+    for (int x = 0; x < r->rgb.width_px; x++) {
+      const long o = (long)y * r->rgb.stride + x;
+      const float alpha = 1.0f - r->trans[o], dx = (float)x + 0.5f - mid_x, dy = (float)y + 0.5f - mid_y;
+      const float sum = r->rgb.c[0][o] + dx * r->rgb.c[1][o] + dy * r->rgb.c[2][o];
+      out[o] = alpha > alpha_min && sum > 0 ? sum / sv_maxf(alpha, 1e-10f) : 0.0f;
     }
 }

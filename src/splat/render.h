@@ -77,6 +77,8 @@ typedef struct {
   bool is_antialiased; // Mip-Splatting's 2D compensation
   float dilation_px2;  // low-pass of the pixel grid; 0: SV_DILATION_PX2
   bool has_depth;      // fill r->depth and r->trans
+  // With has_depth, of models that stand still: r->rgb becomes what sv_render_surface_depth needs.
+  bool has_surface;
   float bg[3];
   // Probability with which each Gaussian is dropped, in steps of 1/256; the opacities of the others
   // are divided by 1 - dropout (DropGaussian, Park et al. 2025).
@@ -120,6 +122,9 @@ uint64_t sv_render_count_pairs(const sv_renderer *r);
 // Expected depth of the last image: sum w z / max(alpha, 1e-10), 0 where alpha <= alpha_min. out:
 // plane with the image's stride.
 void sv_render_expected_depth(const sv_renderer *r, float alpha_min, float *out);
+// The same after a render with has_surface: each Gaussian has the depth that it has at the pixel,
+// not that of its center (src/splat/surface.h).
+void sv_render_surface_depth(const sv_renderer *r, float alpha_min, float *out);
 
 #ifdef __cplusplus
 }

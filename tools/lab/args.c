@@ -189,7 +189,7 @@ static const sv_option table[] = {
     {"faces", SV_OPT_INT, LAB_MESH, 0, AT(faces), "N",
      "at most N triangles: vertices that are near each other become one (all)", 4, 100000000, 0},
     {"min-views", SV_OPT_INT, LAB_MESH | LAB_EXPORT, 0, AT(min_views), "N",
-     "views that must have seen a surface (5, or one in eight of fewer than 40; --keep-supported: 2)", 1, 255,
+     "views that must have seen a surface (16, or one in five of fewer than 80; --keep-supported: 2)", 1, 255,
      0},
     {"spz-version", SV_OPT_INT, LAB_EXPORT, 0, AT(spz_version), "N",
      "spz: 4 (zstd, newest), 3 or 2 (gzip, older viewers) (4)", 2, 4, 0},

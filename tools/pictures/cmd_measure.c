@@ -9,16 +9,17 @@
 #include "tools/pictures/surface.h"
 
 #define PIXEL_SIGMA 0.29 // of a place that is known to the pixel: 1 / sqrt(12)
-#define DEPTH_SIGMA 0.6  // of the difference between depths with few and with many layers
+#define DEPTH_SIGMA 0.6  // of the difference between depths by the least and the most opacity
 #define DEPTH_FLOOR 4e-3 // of the depth, at least
 #define NINETY      1.645
 
-static const int layers[] = {LAB_LAYERS, LAB_LAYERS / 2, 2 * LAB_LAYERS};
-#define N_LAYERS 3
+// Opacity that makes a surface; and less and more, for how far depth depends on it.
+static const float at[] = {SV_SURFACE_OPACITY, SV_SURFACE_OPACITY / 2, 2 * SV_SURFACE_OPACITY};
+#define N_AT 3
 
 typedef struct {
-  double px[2], depth[N_LAYERS], spread; // spread: of depths around it
-  float ray[3];                          // of depth 1
+  double px[2], depth[N_AT], spread; // spread: of depths around it
+  float ray[3];                      // of depth 1
 } end_point;
 
 typedef struct {
@@ -43,7 +44,7 @@ static sv_status prepare(run *r, sv_err *err) {
 }
 
 // Depth at a place, and the standard deviation of the nine about it.
-static bool look_at(const run *r, const sv_view *v, end_point *e, int i_layers) {
+static bool look_at(const run *r, const sv_view *v, end_point *e, int i_at) {
   const long stride = r->surface.viewer.r.rgb.stride;
   const int x = (int)e->px[0], y = (int)e->px[1];
   double sum = 0, sum2 = 0;
@@ -56,9 +57,9 @@ static bool look_at(const run *r, const sv_view *v, end_point *e, int i_layers) 
       sum2 += d * d;
       n++;
     }
-  e->depth[i_layers] = (double)r->surface.depth[y * stride + x];
-  if (!(e->depth[i_layers] > 0)) return false;
-  if (i_layers == 0) e->spread = sqrt(fmax(sum2 / n - sum / n * (sum / n), 0));
+  e->depth[i_at] = (double)r->surface.depth[y * stride + x];
+  if (!(e->depth[i_at] > 0)) return false;
+  if (i_at == 0) e->spread = sqrt(fmax(sum2 / n - sum / n * (sum / n), 0));
   return true;
 }
 
@@ -74,8 +75,8 @@ static sv_status find_ends(run *r, const sv_view *v, sv_err *err) {
     if (!sv_view_ray(v, (float)e->px[0], (float)e->px[1], e->ray))
       return sv_fail(err, SV_E_RANGE, "--%s %.40s: the lens sees nothing there", k ? "to" : "from", names[k]);
   }
-  for (int i = 0; i < N_LAYERS; i++) {
-    sv_status s = lab_surface_render(&r->surface, v, layers[i], err);
+  for (int i = 0; i < N_AT; i++) {
+    sv_status s = lab_surface_render(&r->surface, v, at[i], err);
     if (s != SV_OK) return s;
     for (int k = 0; k < 2; k++)
       if (!look_at(r, v, &r->end[k], i))
@@ -100,8 +101,9 @@ static double distance_of(const run *r, const sv_view *v, double *half_width) {
       along += (double)p->ray[k] * d[k] / fmax(length, 1e-30);
       ray2 += (double)(p->ray[k] * p->ray[k]);
     }
-    const double of_layers = DEPTH_SIGMA * fabs(p->depth[2] - p->depth[1]), least = DEPTH_FLOOR * p->depth[0],
-                 s2 = of_layers * of_layers + least * least + p->spread * p->spread / 9;
+    const double of_opacity = DEPTH_SIGMA * fabs(p->depth[2] - p->depth[1]),
+                 least = DEPTH_FLOOR * p->depth[0],
+                 s2 = of_opacity * of_opacity + least * least + p->spread * p->spread / 9;
     const double pixel = PIXEL_SIGMA * p->depth[0] / (double)v->fx,
                  across2 = fmax(1 - along * along / ray2, 0);
     variance += along * along * s2 + across2 * pixel * pixel;

@@ -10,7 +10,7 @@
 
 #define VOXELS       128   // of the scene's radius, without --voxel
 #define CAP_BLOCKS   60000 // 6 KiB each, as far as they are used
-#define MIN_VIEWS    5     // that saw a surface; one in eight of few
+#define MIN_VIEWS    16    // that saw a surface; one in five of few
 #define CAP_VERTICES 6000000
 #define SMALL        0.02f // connected parts below this share of the largest are floaters
 
@@ -50,7 +50,7 @@ static sv_status fuse(run *r, sv_err *err) {
     char line[80];
     if (c->is_stop_requested(c->self))
       return sv_fail(err, SV_E_INTERRUPTED, "stopped by request at view %d of %d", i, r->surface.views.n);
-    sv_status s = lab_surface_render(u, v, LAB_LAYERS, err);
+    sv_status s = lab_surface_render(u, v, SV_SURFACE_OPACITY, err);
     if (s != SV_OK) return s;
     const sv_render_options o = lab_render_options(&u->settings, u->model.g.sh_degree, false);
     s = sv_render(&u->viewer.r, &u->model.g, v, &o); // color, as trained
@@ -75,7 +75,7 @@ static sv_status make(run *r, sv_err *err) {
     return sv_fail(err, SV_E_FULL, "the scene has more than %d blocks of voxels of %g: give a larger --voxel",
                    CAP_BLOCKS, (double)m->cfg.voxel);
   s = sv_mesh_extract(m, r->o->min_views > 0 ? (int)r->o->min_views
-                                             : sv_maxi(1, sv_mini(MIN_VIEWS, r->surface.views.n / 8)));
+                                             : sv_maxi(1, sv_mini(MIN_VIEWS, r->surface.views.n / 5)));
   if (s < 0)
     return sv_fail(err, s, "the mesh has more than %d vertices: give a larger --voxel", CAP_VERTICES);
   sv_mesh_drop_small(m, SMALL);

@@ -31,7 +31,7 @@ static sv_status count_views(lab_surface *u, lab_session *se, int *n_seen, sv_er
     const sv_view *v = &u->views.frames[i].view;
     if (c->is_stop_requested(c->self))
       return sv_fail(err, SV_E_INTERRUPTED, "stopped by request at view %d of %d", i, u->views.n);
-    sv_status s = lab_surface_render(u, v, LAB_LAYERS, err);
+    sv_status s = lab_surface_render_faint(u, v, err);
     if (s != SV_OK) return s;
     for (int k = 0; k < u->model.g.n; k++) {
       sv_gaussian g;

@@ -8,13 +8,20 @@
 
 #define DEPTH_ALPHA_MIN 0.5f // a pixel that is mostly background has no depth
 
-// 1 - (1 - opacity)^n_layers
-static void make_opaque(sv_gaussians *to, const sv_gaussians *from, int n_layers) {
+#define N_LAYERS 4 // of which lab_surface_render_faint sees each Gaussian
+
+// 1 - (1 - opacity)^N_LAYERS
+static float layered(float logit) {
+  const double through = pow(1 / (1 + exp((double)logit)), N_LAYERS);
+  return (float)log(fmax(1 - through, 1e-12) / fmax(through, 1e-12));
+}
+
+// at 0: of layers.
+static void make_opaque(sv_gaussians *to, const sv_gaussians *from, float at) {
   for (int i = 0; i < from->n; i++) {
     sv_gaussian v;
     sv_gaussians_get(from, i, &v);
-    const double through = pow(1 / (1 + exp((double)v.opacity_logit)), n_layers);
-    v.opacity_logit = (float)log(fmax(1 - through, 1e-12) / fmax(through, 1e-12));
+    v.opacity_logit = at > 0 ? sv_surface_logit(v.opacity_logit, at) : layered(v.opacity_logit);
     sv_gaussians_put(to, i, &v);
   }
 }
@@ -42,13 +49,25 @@ sv_status lab_surface_open(lab_surface *u, const lab_options *o, lab_session *se
                           err);
 }
 
-sv_status lab_surface_render(lab_surface *u, const sv_view *v, int n_layers, sv_err *err) {
-  const sv_render_options o = lab_render_options(&u->settings, u->model.g.sh_degree, true);
-  make_opaque(&u->opaque.g, &u->model.g, n_layers);
+static sv_status render(lab_surface *u, const sv_view *v, float at, sv_err *err) {
+  sv_render_options o = lab_render_options(&u->settings, u->model.g.sh_degree, true);
+  o.has_surface = at > 0;
+  for (int c = 0; c < 3; c++) o.bg[c] = 0;
+  make_opaque(&u->opaque.g, &u->model.g, at);
   sv_status s = sv_render(&u->viewer.r, &u->opaque.g, v, &o);
-  if (s < 0) return sv_fail(err, s, "a view cannot be rendered: %s", sv_status_text(s));
-  sv_render_expected_depth(&u->viewer.r, DEPTH_ALPHA_MIN, u->depth);
-  return SV_OK;
+  return s < 0 ? sv_fail(err, s, "a view cannot be rendered: %s", sv_status_text(s)) : SV_OK;
+}
+
+sv_status lab_surface_render(lab_surface *u, const sv_view *v, float at, sv_err *err) {
+  sv_status s = render(u, v, at, err);
+  if (s == SV_OK) sv_render_surface_depth(&u->viewer.r, DEPTH_ALPHA_MIN, u->depth);
+  return s;
+}
+
+sv_status lab_surface_render_faint(lab_surface *u, const sv_view *v, sv_err *err) {
+  sv_status s = render(u, v, 0, err);
+  if (s == SV_OK) sv_render_expected_depth(&u->viewer.r, DEPTH_ALPHA_MIN, u->depth);
+  return s;
 }
 
 void lab_surface_close(lab_surface *u) {
