@@ -490,12 +490,15 @@ int cmd_run(int argc, char **argv) {
   int code = preview_open(&o, &err) < 0;
   sv_linux_watch_share(&run.watch, preview_beats());
   if (code && err.text[0]) fail_with(&err); // the server has spoken otherwise
-  const char *folder = o.out;
+  const char *folder = o.out, *source = o.source;
   calibrate_use_rig(&o, folder);
   for (bool is_again = !code, is_new = false; is_again; is_new = !run.is_retry) {
     if (is_new && o.keep == 0 && !o.is_overwriting) next_folder(&o, folder);
     if (o.keep > 0 && !next_scan(&o, folder, is_new, &is_again)) continue;
+    o.source = preview_source(source);
     code = run_once(&o, &is_again);
+    // Before Start the cameras were opened again for another mode: the same scan
+    if (preview_source(source) != source && o.out && !outputs_has_model(o.out)) run.is_retry = true;
     if (run.is_calibrating) calibrate(&o, folder);
   }
   sv_linux_watch_close(&run.watch);

@@ -11,6 +11,7 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
+#include "boards/modes.h"
 #include "platform/drm/drm.h"
 #include "src/format/qr.h"
 #include "src/run/isa.h"
@@ -181,6 +182,10 @@ sv_status preview_open(const run_options *o, sv_err *err) {
   const bool is_new = !live.token[0];
   name_scans(o);
   live.tls_file = o->tls;
+  if (s >= 0 && o->is_session) {
+    modes_list(o->source, &live.modes);
+    sv_linux_preview_show_modes(&live);
+  }
   if (s >= 0 && o->preview) s = sv_linux_preview_serve(&live, NULL, o->preview_addr, o->preview_port, err);
   if (s >= 0 && has_token_file && is_new) s = write_token(o->token_file, err);
   if (s >= 0 && o->preview) print_links(o);
@@ -213,10 +218,15 @@ preview_answer preview_failed(const run_options *o, const preview_failure *why, 
     const sv_command c = p.command(p.self);
     if (c == SV_COMMAND_NEW) return PREVIEW_NEW;
     if (c == SV_COMMAND_CALIBRATE) return PREVIEW_CALIBRATE;
+    if (c == SV_COMMAND_MODE) return PREVIEW_RETRY;
     if (is_retrying && clock.now_ns(clock.self) > retry_ns) return PREVIEW_RETRY;
     clock.sleep_until_ns(clock.self, clock.now_ns(clock.self) + 50 * SV_NS_PER_MS);
   }
   return PREVIEW_STOP;
+}
+
+const char *preview_source(const char *source) {
+  return is_open ? modes_apply(source, &live.modes, live.modes.i_mode) : source;
 }
 
 preview_calibration preview_board(void) {

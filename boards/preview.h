@@ -25,6 +25,8 @@ typedef enum { PREVIEW_STOP, PREVIEW_NEW, PREVIEW_RETRY, PREVIEW_CALIBRATE } pre
 // that keeps scans (--keep) tries cameras again after some seconds.
 preview_answer preview_failed(const run_options *o, const preview_failure *why, const sv_console *console,
                               sv_heartbeats *beats);
+// The session's source string with the mode that the page chose; the options' own otherwise.
+const char *preview_source(const char *source);
 // The chessboard of the newest request to calibrate.
 typedef struct {
   int n_cols, n_rows;

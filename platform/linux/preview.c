@@ -119,6 +119,19 @@ static void look_at(sv_linux_preview *l) {
   if (read(l->pipe_fd[0], &i, 1) == 1 && i < n) l->looked_until_ns[i] = now_ns() + LOOKED_NS;
 }
 
+void sv_linux_preview_show_modes(sv_linux_preview *l) {
+  memcpy(sv_feed_begin(&l->feed, SV_FEED_MODES), &l->modes, sizeof l->modes);
+  sv_feed_commit(&l->feed, SV_FEED_MODES, sizeof l->modes);
+}
+
+static sv_command choose_mode(sv_linux_preview *l) {
+  uint8_t i;
+  if (read(l->pipe_fd[0], &i, 1) != 1 || i >= l->modes.n || i == l->modes.i_mode) return SV_COMMAND_NONE;
+  l->modes.i_mode = i;
+  sv_linux_preview_show_modes(l);
+  return SV_COMMAND_MODE;
+}
+
 // A scan's folder has the name that the page's server finds it by (platform/preview/scans.h).
 static void export_scan(sv_linux_preview *l) {
   uint8_t b[5];
@@ -144,6 +157,7 @@ static uint32_t looked_at(void *self) {
 static sv_command command_of(sv_linux_preview *l, char byte) {
   switch (byte) {
   case SV_PREVIEW_LOOK: look_at(l); return SV_COMMAND_NONE;
+  case SV_PREVIEW_MODE: return choose_mode(l);
   case SV_PREVIEW_EXPORT: export_scan(l); return SV_COMMAND_NONE;
   case SV_PREVIEW_START: return SV_COMMAND_START;
   case SV_PREVIEW_PAUSE: return SV_COMMAND_PAUSE;

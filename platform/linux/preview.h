@@ -27,6 +27,8 @@
 // With five bytes: a format (sv_linux_export_format) and the number of a scan, the high byte first;
 // all in one write.
 #define SV_PREVIEW_EXPORT 'e'
+// With a byte, the number of a mode (sv_feed_modes), both in one write.
+#define SV_PREVIEW_MODE 'm'
 // With a byte, the camera's number, both in one write: somebody looks at it in full view.
 #define SV_PREVIEW_LOOK   'w'
 #define SV_PREVIEW_NORMAL '1' // before Start
@@ -47,6 +49,7 @@ typedef struct {
   sv_ns started_ns, beat_ns, next_start_ns, next_look_ns;
   bool is_served, is_refused;
   uint32_t n_restarts;
+  sv_feed_modes modes;        // of the cameras; set before serve, i_mode by the page
   sv_ns looked_until_ns[32];  // of each camera
   sv_linux_exporter exporter; // of scans
   struct {
@@ -65,6 +68,8 @@ sv_status sv_linux_preview_open(sv_linux_preview *live, uint32_t cap_gaussians, 
 sv_status sv_linux_preview_serve(sv_linux_preview *live, const char *program, const char *addr, int port,
                                  sv_err *err) SV_MUST_USE;
 // The port's view: feed, commands (which also looks after the server).
+// Hands the list of modes to the page.
+void sv_linux_preview_show_modes(sv_linux_preview *live);
 void sv_linux_preview_publish(sv_linux_preview *live, sv_publish *p);
 void sv_linux_preview_close(sv_linux_preview *live); // ends the server, too
 

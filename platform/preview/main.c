@@ -56,7 +56,7 @@ static void help(void) {
          "  --scan-name NAME       they are DIR/NAME, DIR/NAME-2, ...\n"
          "  --tls FILE             serve over TLS with the key and certificate in FILE; made when "
          "missing\n"
-         "  --feed-fd N --command-fd N   used by subview itself\n"
+         "  --feed-fd N --command-fd N --exports yes   used by subview itself\n"
          "  --version              print the version\n"
          "  --help                 this text\n\n"
          "The token is SUBVIEW_PREVIEW_TOKEN (16 to 128 of A-Z a-z 0-9 - _), or random; the printed link "

@@ -21,6 +21,7 @@
 //   POST /draft /normal /fine                 the budget of the next Start, as /start
 //   POST /start /pause /save /new             with the token in X-Subview-Token, from the page that
 //                                             has control (X-Subview-Page, control.h)
+//   POST /mode?i=N    likewise: a mode of the cameras
 //   POST /calibrate?board=9x6&mm=24           likewise: cameras and rig by a chessboard
 //   POST /enter       likewise; the answer sets a cookie that reading takes, too. It gives the page
 //                     a seat, which it keeps by asking again. With the look key: the cookie alone
@@ -63,7 +64,8 @@ typedef enum { PV_PLY, PV_SPLAT, PV_SPZ, PV_N_FILES } pv_file;
 typedef struct {
   sv_feed_reader reader;
   sv_feed_state state;
-  uint64_t state_seq, tiles_seq, model_seq, picture_seq, view_seq;
+  sv_feed_modes modes;
+  uint64_t modes_seq, state_seq, tiles_seq, model_seq, picture_seq, view_seq;
   sv_feed_tiles *tiles;
   uint8_t *model, *picture, *view; // a snapshot each
   size_t model_cap, picture_cap, view_cap;

@@ -343,6 +343,13 @@ static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *
     return has_token(s, c, false) ? post_control(s, c, url) : refuse_token(c);
   for (size_t i = 0; i < sizeof commands / sizeof *commands; i++)
     if (!strcmp(url, commands[i].url)) return post_command(s, c, &commands[i].byte, 1);
+  if (!strcmp(url, "/mode")) {
+    const char *text = MHD_lookup_connection_value(c, MHD_GET_ARGUMENT_KIND, "i");
+    long long i;
+    if (!text || !sv_parse_int(text, strlen(text), &i) || i < 0 || i >= SV_FEED_CAP_MODES)
+      return say(c, MHD_HTTP_BAD_REQUEST, "expected i=N, the number of a mode\n");
+    return post_command(s, c, (const uint8_t[]){SV_PREVIEW_MODE, (uint8_t)i}, 2);
+  }
   if (!strcmp(url, "/calibrate")) {
     uint8_t bytes[5];
     if (!has_token(s, c, false)) return refuse_token(c);

@@ -27,6 +27,9 @@ void pv_blob_drop(pv_blob *b) {
 
 bool pv_state_read(pv_source *s) {
   size_t bytes;
+  if (sv_feed_read(&s->reader, SV_FEED_MODES, &s->modes_seq, &s->modes, sizeof s->modes, &bytes) < 0 ||
+      !s->modes_seq)
+    s->modes.n = 0;
   return sv_feed_read(&s->reader, SV_FEED_STATE, &s->state_seq, &s->state, sizeof s->state, &bytes) == SV_OK;
 }
 
@@ -86,6 +89,19 @@ static void add_cameras(sv_str *o, const sv_feed_state *s) {
         sv_str_add(o, "\"%.*s\":%llu,", (int)sizeof s->reasons[r] - 1, s->reasons[r],
                    (unsigned long long)c->dropped_by[r]);
     close_with(o, "}},");
+  }
+  close_with(o, "],");
+}
+
+static void add_modes(sv_str *o, const sv_feed_modes *m) {
+  sv_str_add(o, "\"mode\":%d,\"modes\":[", m->i_mode);
+  for (int i = 0; i < bounded(m->n, SV_FEED_CAP_MODES); i++) {
+    char text[SV_FEED_CAP_MODE_TEXT];
+    memcpy(text, m->text[i], sizeof text);
+    text[sizeof text - 1] = 0; // the block is another process's
+    sv_str_add(o, "\"");
+    sv_str_add_json(o, text);
+    sv_str_add(o, "\",");
   }
   close_with(o, "],");
 }
@@ -161,6 +177,7 @@ void pv_state_json(const pv_source *p, sv_str *o) {
              (unsigned long long)sv_feed_newest(&p->reader, SV_FEED_MODEL),
              (unsigned long long)sv_feed_newest(&p->reader, SV_FEED_PICTURE), s->is_throttled,
              (unsigned long long)s->n_skew);
+  add_modes(o, &p->modes);
   sv_str_add(o, "\"control\":{\"by\":%u,\"asked\":%u},", p->control.by, p->control.asked);
   add_number(o, "seconds", s->train_s);
   add_number(o, "time_limit", s->time_limit_s);

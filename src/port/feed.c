@@ -21,6 +21,7 @@ static uint64_t payload(sv_feed_channel c, uint32_t cap_gaussians, uint32_t cap_
     *n_slots = 2;
     return sizeof(sv_feed_picture) + 3u * SV_FEED_CAP_PICTURE_W * SV_FEED_CAP_PICTURE_H;
   case SV_FEED_VIEW: return sizeof(sv_feed_view) + 3u * SV_FEED_CAP_VIEW_W * SV_FEED_CAP_VIEW_H;
+  case SV_FEED_MODES: return sizeof(sv_feed_modes);
   case SV_FEED_CURVE: return sizeof(sv_feed_curve);
   case SV_FEED_CALIBRATION: return sizeof(sv_feed_calibration);
   default: return sizeof(sv_feed_events);

@@ -47,6 +47,7 @@ typedef enum {
   SV_FEED_EVENTS,      // sv_feed_events
   SV_FEED_CALIBRATION, // sv_feed_calibration
   SV_FEED_VIEW,        // sv_feed_view, then its pixels
+  SV_FEED_MODES,       // sv_feed_modes
   SV_FEED_N_CHANNELS
 } sv_feed_channel;
 
@@ -160,6 +161,14 @@ typedef struct {
   int32_t width_px, height_px; // rgb follows, rows packed: captured image beside its rendering
   uint32_t step, reserved;
 } sv_feed_picture;
+
+// Modes of a session's cameras, of which the page can choose one for the runs to come.
+#define SV_FEED_CAP_MODES     24
+#define SV_FEED_CAP_MODE_TEXT 24
+typedef struct {
+  int32_t n, i_mode;                                   // the chosen one, -1: as the session was started
+  char text[SV_FEED_CAP_MODES][SV_FEED_CAP_MODE_TEXT]; // "640x480@30"
+} sv_feed_modes;
 
 // A camera that somebody looks at in full view; several take turns.
 typedef struct {

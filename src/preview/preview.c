@@ -448,6 +448,8 @@ static sv_command next_command(sv_preview *l) {
   sv_command c = p->command ? p->command(p->self) : SV_COMMAND_NONE;
   if (p->looked_at) l->looked_at = p->looked_at(p->self);
   if (c == SV_COMMAND_NEW) l->is_new_requested = l->is_session;
+  // Before a run the cameras are opened again; else the next run has the new mode
+  if (c == SV_COMMAND_MODE && l->status == SV_FEED_STATUS_WAITING) l->is_new_requested = l->is_session;
   // The cameras are free before and after a run
   if (c == SV_COMMAND_CALIBRATE && (l->status == SV_FEED_STATUS_WAITING || l->status == SV_FEED_STATUS_DONE))
     l->is_new_requested = l->is_calibration_requested = l->is_session;

@@ -135,6 +135,14 @@ static void test_waiting(int i) {
 static void test_pages(int i) {
   click("[data-page=settings]");
   must(&b, "$('camera-table').rows.length===3 && $('page-scan').hidden", 5);
+  if (i == 0) { // another mode of the cameras, and back
+    must(&b, "!$('mode-box').hidden && page.state.modes.includes('320x240@30') && page.state.mode === -1", 5);
+    choose("mode", "2");
+    must(&b, "page.state.modes[2] === '320x240@30' && page.state.cameras[0].width === 320", 20);
+    must(&b, "page.state.state === 'waiting' && page.state.mode === 2", 10);
+    choose("mode", "0");
+    must(&b, "page.state.cameras[0].width === 160 && page.state.state === 'waiting'", 20);
+  }
   fits("settings");
   check_axe("settings");
   choose("preview-quality", "0.35");

@@ -134,8 +134,14 @@ for (const input of document.querySelectorAll("[name=budget]")) {
 }
 
 // --- settings ---
+$("mode").onchange = (e) => (ask("mode?i=" + e.target.value), e.target.blur());
 function show_settings(s) {
   if ($("page-settings").hidden) return;
+  const modes = $("mode"), names = ["As started", ...s.modes.map((m) => m.replace("x", " x ").replace("@", ", ") + (m.includes("@") ? " a second" : ""))];
+  $("mode-box").hidden = !s.session || !s.modes.length;
+  if (modes.options.length !== names.length) modes.replaceChildren(...names.map((n, i) => Object.assign(element("option", n), { value: i - 1, disabled: !i })));
+  if (document.activeElement !== modes) modes.value = s.mode;
+  modes.disabled = page.seat === 0;
   const row = (cells, name) => {
     const r = element("tr");
     r.append(...cells.map((c) => element(name, c)));
