@@ -222,6 +222,39 @@ int sv_prior_align_to_ball(sv_prior *p, const sv_bounds *bounds) {
   return n;
 }
 
+// --- measured depth ------------------------------------------------------------------------------
+
+static void sample_depth(sv_prior_samples *s, const sv_prior_depth *d, const float *depth) {
+  const int step = stride_of(d);
+  s->n = 0;
+  for (int y = step / 2; y < d->height_px; y += step)
+    for (int x = step / 2; x < d->width_px; x += step) {
+      const float z = depth[(size_t)y * (size_t)d->width_px + (size_t)x];
+      const double target = d->kind == SV_PRIOR_INVERSE ? 1 / (double)z : (double)z;
+      if (z > 0.0f && value_at(d, x, y) >= 0.0f) add_sample(s, value_at(d, x, y), target, target);
+    }
+}
+
+bool sv_prior_align_to_depth(sv_prior *p, sv_prior_depth *d, const float *depth) {
+  sv_prior_samples *s = p->samples;
+  float scale, shift, farthest = 0.0f;
+  double sum = 0;
+  if (!is_relative(d)) return false;
+  sample_depth(s, d, depth);
+  const sv_prior_fit f = {s->map, s->low, s->high, s->n};
+  if (!sv_prior_fit_line(&f, s->work, &scale, &shift)) return false;
+  for (int i = 0; i < s->n; i++) {
+    const float z = d->kind == SV_PRIOR_INVERSE ? 1.0f / s->low[i] : s->low[i];
+    sum += 1 / (double)z;
+    farthest = sv_maxf(farthest, z);
+  }
+  d->unit = (float)(sum / s->n);
+  become_aligned(d, scale, shift, 1.0f / (FAR_RADII * farthest));
+  for (int i = 0; i < d->width_px * d->height_px; i++)
+    if (depth[i] > 0.0f) d->map[i] = -1.0f;
+  return true;
+}
+
 // --- points --------------------------------------------------------------------------------------
 
 typedef struct { // takes n of n_all, evenly over their order

@@ -36,6 +36,12 @@ bool sv_prior_fit_line(const sv_prior_fit *f, float *work, float *scale, float *
 // Left alone: views that look from inside of the ball. Returns how many maps were solved.
 int sv_prior_align_to_ball(sv_prior *p, const sv_bounds *bounds);
 
+// Solves a relative map of a training view against measured depth of its pixels ([height][width]
+// along the axis, below 0: unknown), by a robust line in inverse depth. Pixels that were measured
+// are forgotten: what the rig sees by itself needs no prior. false: too little in common, the map
+// is left alone.
+bool sv_prior_align_to_depth(sv_prior *p, sv_prior_depth *d, const float *depth);
+
 // Points of the surface from the aligned maps, in the pictures' colors, evenly over all maps;
 // returns how many of at most cap.
 int sv_prior_points(const sv_prior *p, sv_point *point, int cap);

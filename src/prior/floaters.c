@@ -12,6 +12,8 @@
 #define MIN_Q     80.0
 #define NEAR_2    (-5.7707802f) // log2 of e^-4: a Gaussian covers a pixel where its falloff is more
 
+#define BEFORE 0.95f // of the surface's depth: a floater
+
 typedef struct {
   float *sample; // [SAMPLES] ascending
   int32_t *hull; // [2][SAMPLES]
@@ -140,8 +142,8 @@ static sv_status score_view(sv_prior *prior, const work *w, int i_view, int *n_s
   return SV_OK;
 }
 
-// Marks what lies before or at the largest weight of a pixel, and covers it.
-static void mark_pixel(sv_prior *prior, int x, int y) {
+// Marks what lies before or at the largest weight of a pixel, nearer than a limit, and covers it.
+static void mark_pixel(sv_prior *prior, int x, int y, float limit) {
   const sv_renderer *r = &prior->t->render;
   const uint32_t tile = tile_of(r, x, y), begin = r->tile_begin[tile];
   const float px = (float)x + 0.5f, py = (float)y + 0.5f;
@@ -150,17 +152,29 @@ static void mark_pixel(sv_prior *prior, int x, int y) {
   for (int i = (int)begin; i <= mode; i++) {
     const uint32_t id = r->intersection[r->list[i]].id;
     const pair p = evaluate(r->splat + id, px, py);
-    if (p.power >= SV_LOG2_ALPHA_MIN && p.falloff > NEAR_2) prior->t->relocation.copies[id] = -1;
+    const bool covers = p.power >= SV_LOG2_ALPHA_MIN && p.falloff > NEAR_2;
+    if (covers && r->splat[id].z < limit) prior->t->relocation.copies[id] = -1;
   }
 }
 
-static void mark_view(sv_prior *prior, const work *w, int n, double percentile) {
+// Depth before which a floater of this pixel lies: well before its surface, as a depth map has it.
+static float limit_of(const sv_prior_depth *d, int x, int y) {
+  const float v = d ? d->map[(size_t)y * (size_t)d->width_px + (size_t)x] : 0.0f;
+  if (!d) return 1e30f;
+  return v > 0.0f ? BEFORE * (d->kind == SV_PRIOR_ALIGNED ? 1.0f / v : v) : 0.0f;
+}
+
+static void mark_view(sv_prior *prior, const work *w, int i_view, int n, double percentile) {
   const sv_planes *size = &prior->t->render.rgb;
+  const sv_prior_depth *d = sv_prior_find_depth(prior, i_view, &prior->t->views[i_view].view);
+  if (d && (d->kind == SV_PRIOR_RELATIVE || d->kind == SV_PRIOR_INVERSE)) d = NULL;
   if (n < 1) return;
   const float beyond = w->sample[sv_mini(n - 1, (int)(percentile / 100 * n))];
   for (int y = 0; y < size->height_px; y++)
-    for (int x = 0; x < size->width_px; x++)
-      if (prior->share[(size_t)y * (size_t)size->stride + (size_t)x] > beyond) mark_pixel(prior, x, y);
+    for (int x = 0; x < size->width_px; x++) {
+      const size_t at = (size_t)y * (size_t)size->stride + (size_t)x;
+      if (prior->share[at] > beyond) mark_pixel(prior, x, y, limit_of(d, x, y));
+    }
 }
 
 // --- all views -----------------------------------------------------------------------------------
@@ -181,7 +195,7 @@ sv_status sv_prior_prune(sv_prior *prior, uint32_t *n_pruned) {
   // free between two relocations
   for (int i = 0; i < prior->t->g.n; i++) prior->t->relocation.copies[i] = 0;
   for (int i = 0; i < prior->t->n_views && s >= 0; i++)
-    if ((s = score_view(prior, &w, i, &n)) >= 0) mark_view(prior, &w, n, percentile);
+    if ((s = score_view(prior, &w, i, &n)) >= 0) mark_view(prior, &w, i, n, percentile);
   for (int i = 0; i < prior->t->g.n && s >= 0; i++) {
     if (prior->t->relocation.copies[i] >= 0) continue;
     *sv_gaussians_at(&prior->t->g, i, SV_ROW_LOGIT) = (float)sv_log((double)SV_OPACITY_DEAD / 2);

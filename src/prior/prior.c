@@ -19,7 +19,6 @@ void sv_prior_set_method(sv_prior_cfg *c, sv_prior_method method, int n_views) {
   if (method == SV_PRIOR_NONE) return;
   c->cap_pseudo += METHOD_VIEWS;
   c->cap_depths += METHOD_VIEWS + n_views;
-  c->depth_weight = 0.05f;
   c->late_from = 2.0f;
   c->late_factor = 1.0f;
   c->warp_until = 2.0f;
@@ -258,9 +257,9 @@ sv_status sv_prior_submit_depth(sv_prior *p, int id, const sv_prior_map *map) {
   return SV_OK;
 }
 
-const sv_prior_depth *sv_prior_find_depth(const sv_prior *p, int id, const sv_view *view) {
+sv_prior_depth *sv_prior_find_depth(const sv_prior *p, int id, const sv_view *view) {
   for (int i = 0; i < p->cfg.cap_depths; i++) {
-    const sv_prior_depth *d = &p->depths[i];
+    sv_prior_depth *d = &p->depths[i];
     if (d->id == id && d->weight > 0.0f && d->width_px == view->width_px && d->height_px == view->height_px)
       return d;
   }

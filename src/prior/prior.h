@@ -35,7 +35,6 @@ typedef struct {
   int every;      // Steps from one that also renders a pseudo-view to the next.
   // The method's own schedule (progress 0 to 1) and weights, set by sv_prior_set_method.
   sv_prior_method method;
-  float depth_weight;            // of the rig's own depth maps
   float late_from, late_factor;  // from there on depth counts so many times of it
   float patch_weight;            // of the patch-wise correlation, beside 1 of the whole picture's;
                                  // 0: none
@@ -140,7 +139,7 @@ typedef struct {
 // that is gone, else the next in turn.
 sv_status sv_prior_submit_depth(sv_prior *p, int id, const sv_prior_map *map) SV_MUST_USE;
 // NULL when there is none, or its size is not the view's.
-const sv_prior_depth *sv_prior_find_depth(const sv_prior *p, int id, const sv_view *view);
+sv_prior_depth *sv_prior_find_depth(const sv_prior *p, int id, const sv_view *view);
 // Pseudo-views that have not expired.
 int sv_prior_n_alive(const sv_prior *p, float progress);
 

@@ -3,6 +3,7 @@
 
 #include "src/base/mathx.h"
 #include "src/base/str.h"
+#include "src/prior/align.h"
 #include "src/prior/methods.h"
 #include "src/prior/views.h"
 #include "src/splat/constants.h"
@@ -39,7 +40,8 @@ static float value_at(const sv_prior_depth *d, int x, int y) {
 static fit align(const sv_prior *prior, const sv_prior_depth *d) {
   const sv_planes *size = &prior->t->render.rgb;
   double n = 0, mm = 0, mr = 0, vm = 0, c = 0;
-  fit f = {.a = 1, .is_inverse = d->kind == SV_PRIOR_INVERSE, .is_good = d->kind == SV_PRIOR_METRIC};
+  fit f = {.a = 1, .is_inverse = d->kind == SV_PRIOR_INVERSE || d->kind == SV_PRIOR_ALIGNED};
+  f.is_good = d->kind == SV_PRIOR_METRIC || d->kind == SV_PRIOR_ALIGNED;
   if (f.is_good) return f;
   for (int pass = 0; pass < 2; pass++) {
     for (int y = 0; y < size->height_px; y++)
@@ -177,7 +179,7 @@ sv_status sv_prior_measure(sv_prior *prior, const sv_bounds *bounds, sv_arena *s
     const sv_depth_map *m = &sweep.map[i];
     const sv_view *v = &prior->t->views[m->i_view].view;
     float *map = prior->g_expected;
-    if (m->n_measured < MIN_PIXELS || sv_prior_depth_of(prior, m->i_view, v)) continue;
+    if (m->n_measured < MIN_PIXELS) continue;
     for (int y = 0; y < v->height_px; y++)
       for (int x = 0; x < v->width_px; x++) {
         const float z = x / m->k < m->view.width_px && y / m->k < m->view.height_px
@@ -185,16 +187,22 @@ sv_status sv_prior_measure(sv_prior *prior, const sv_bounds *bounds, sv_arena *s
                             : 0.0f;
         map[(size_t)y * (size_t)v->width_px + (size_t)x] = z > 0.0f ? z : -1.0f;
       }
-    s = sv_prior_submit_depth(
-        prior, m->i_view,
-        &(sv_prior_map){map, v->width_px, v->height_px, SV_PRIOR_RELATIVE, prior->cfg.depth_weight});
-    *n_maps += s == SV_OK;
+    sv_prior_depth *given = sv_prior_find_depth(prior, m->i_view, v);
+    *n_maps += 1;
+    if (given) (void)sv_prior_align_to_depth(prior, given, map);
   }
   sv_arena_reset(scratch, mark);
   return s == SV_AGAIN ? SV_OK : s;
 }
 
 // --- when ----------------------------------------------------------------------------------------
+
+// Without a second opinion about depth, what looks like a floater may be a surface.
+static bool has_maps(const sv_prior *prior) {
+  for (int i = 0; i < prior->cfg.cap_depths; i++)
+    if (prior->depths[i].id >= 0 && prior->depths[i].id < prior->t->n_views) return true;
+  return false;
+}
 
 sv_status sv_prior_update(sv_prior *prior, float progress) {
   const float before = prior->updated_until;
@@ -204,7 +212,7 @@ sv_status sv_prior_update(sv_prior *prior, float progress) {
   sv_status s = SV_OK;
   prior->updated_until = progress;
   if (!c->method || prior->t->n_views < 1) return SV_OK;
-  for (int i = 0; i < 2 && s >= 0; i++)
+  for (int i = 0; i < 2 && s >= 0 && has_maps(prior); i++)
     if (before < c->prune_at[i] && progress >= c->prune_at[i]) s = sv_prior_prune(prior, &n_pruned);
   if (progress >= c->unpool_from && progress < sv_minf(c->unpool_until, prior->t->cfg.relocate_until) &&
       prior->t->step % every == 0)

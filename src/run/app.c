@@ -391,13 +391,7 @@ static sv_status first_model(sv_app *app, const sv_bounds *b, bool is_measured, 
   // Points of a surface; without depth maps and odometry there are none.
   sv_guidance_set_scene(&app->capture.guidance, b, app->points,
                         s == SV_OK || app->odometry.is_tracked ? start.n_points : 0);
-  if (s >= 0) s = sv_driver_place(t, &start, err);
-  if (s < 0 || !app->cfg.prior) return s;
-  if ((s = sv_prior_measure(&app->prior, b, &app->scratch, &start.n_maps)) < 0)
-    return sv_fail(err, s, "no depth maps for the prior: %s", sv_status_text(s));
-  sv_app_log(app, SV_LOG_INFO, "prior %s: depth maps of %d views", sv_prior_method_name(app->cfg.prior),
-             start.n_maps);
-  return SV_OK;
+  return s < 0 ? s : sv_driver_place(t, &start, err);
 }
 
 static sv_bounds bounds_of_views(sv_app *app) {

@@ -18,7 +18,7 @@
 #define REGULARIZED_GAUSSIANS 20000
 
 // Few exposures leave the space around a scene open to Gaussians in the background's color, which
-// no training view tells from nothing. One exposure cannot: what is behind its edges would be empty.
+// no training view tells from nothing. With one exposure, what is behind its edges would be empty.
 static float random_until(const sv_train_cfg *cfg, const sv_sampling *s) {
   const bool is_sparse = s->n_exposures > 1 && s->n_exposures < MANY_EXPOSURES;
   return is_sparse && !s->is_moving ? cfg->fine_at : 0.0f;

@@ -466,6 +466,31 @@ TEST(test_ball_tells_scale) {
   assert_int_equal(sv_prior_align_to_ball(&prior, &bounds), 0); // it has its scale
 }
 
+// Depth that the rig measured in one half of the picture tells scale and shift in the other, and
+// needs no prior where it is.
+TEST(test_stereo_tells_scale) {
+  static float map[W * H], depth[W * H];
+  make(&trainer, &in_order, block, sizeof block);
+  for (int i = 0; i < W * H; i++) {
+    const float z = 2.0f + 0.02f * (float)(i % W) + 0.01f * (float)(i / W);
+    map[i] = 3.0f / z + 0.5f;
+    depth[i] = i % W < W / 2 ? z : -1.0f;
+    if (i % 11 == 0 && depth[i] > 0) depth[i] = 1.0f; // wrong matches
+  }
+  assert_int_equal(sv_prior_submit_depth(&prior, 1, &(sv_prior_map){map, W, H, SV_PRIOR_INVERSE, 1}), SV_OK);
+  sv_prior_depth *d = sv_prior_find_depth(&prior, 1, &trainer.views[1].view);
+  assert_true(sv_prior_align_to_depth(&prior, d, depth));
+  assert_int_equal(d->kind, SV_PRIOR_ALIGNED);
+  for (int i = 0; i < W * H; i++) {
+    const float z = 2.0f + 0.02f * (float)(i % W) + 0.01f * (float)(i / W);
+    assert_true(i % W < W / 2 ? d->map[i] < 0 : fabsf(1 / d->map[i] - z) < 0.01f * z);
+  }
+  for (int i = 0; i < W * H; i++) depth[i] = -1.0f;
+  assert_int_equal(sv_prior_submit_depth(&prior, 1, &(sv_prior_map){map, W, H, SV_PRIOR_INVERSE, 1}), SV_OK);
+  assert_false(sv_prior_align_to_depth(&prior, d, depth));
+  assert_int_equal(d->kind, SV_PRIOR_INVERSE);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_rings),
                                      cmocka_unit_test(test_memory),
@@ -479,6 +504,7 @@ int main(void) {
                                      cmocka_unit_test(test_methods),
                                      cmocka_unit_test(test_masked_depth),
                                      cmocka_unit_test(test_line_with_outliers),
-                                     cmocka_unit_test(test_ball_tells_scale)};
+                                     cmocka_unit_test(test_ball_tells_scale),
+                                     cmocka_unit_test(test_stereo_tells_scale)};
   return cmocka_run_group_tests(tests, setup, NULL);
 }

@@ -7,9 +7,7 @@
 #include "src/base/mathx.h"
 #include "src/format/axes.h"
 #include "src/base/str.h"
-#include "src/prior/align.h"
 #include "src/train/driver.h"
-#include "src/train/stereo.h"
 #include "tools/dataset/measurement.h"
 #include "tools/import/find.h"
 #include "tools/train/appearance.h"
@@ -252,23 +250,6 @@ static sv_status start(run *r, sv_err *err) {
   st->scratch = &r->plan.scratch;
   sv_status s = r->is_stereo ? measure_points(r, err) : SV_OK;
   if (s == SV_OK) s = sv_driver_place(&r->plan.trainer, st, err);
-  free(st->points);
-  st->points = NULL;
-  return s;
-}
-
-// Where nothing else tells of depth, the first Gaussians lie where the prior's maps say.
-static sv_status place_from_prior(run *r, sv_err *err) {
-  sv_driver_start *st = &r->start;
-  if (r->prior.n_aligned < 1 || r->is_stereo || r->o->init || st->init.kind == SV_INIT_POINTS) return SV_OK;
-  st->cap_points = r->plan.trainer.g.n;
-  if (!(st->points = malloc((size_t)st->cap_points * sizeof *st->points)))
-    return sv_fail(err, SV_E_NOMEM, "no memory for %d points", st->cap_points);
-  st->n_points = sv_prior_points(&r->plan.prior, st->points, st->cap_points);
-  st->init = sv_stereo_init(&st->bounds, r->cfg.seed);
-  st->is_scene_set = true;
-  lab_say(&r->session, "%d points from depth priors", st->n_points);
-  sv_status s = sv_driver_place(&r->plan.trainer, st, err);
   free(st->points);
   st->points = NULL;
   return s;
@@ -530,7 +511,8 @@ static sv_status stages(run *r, sv_err *err) {
           r->plan.trainer.g.n, 1e-6 * (double)r->plan.bytes, r->load_s);
   s = lab_prior_begin(&r->prior, &(lab_prior_input){&r->session, r->o, &r->views, &r->plan.prior},
                       &r->start.bounds, &r->plan.scratch, err);
-  if (s == SV_OK) s = place_from_prior(r, err);
+  const bool is_blind = !r->is_stereo && !r->o->init && r->start.init.kind != SV_INIT_POINTS;
+  if (s == SV_OK && is_blind) s = lab_prior_place(&r->prior, &r->start, err);
   if (s != SV_OK || (s = train(r, err)) != SV_OK) return s;
   r->measured_psnr = lab_measured_psnr(&r->plan.trainer, &r->render);
   if ((s = save(r, err)) != SV_OK) return s; // whatever comes later, the model is there

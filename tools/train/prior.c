@@ -10,6 +10,7 @@
 
 #include "src/base/str.h"
 #include "src/prior/align.h"
+#include "src/train/stereo.h"
 
 // Difix3D+ calls at 3, 6, 8, 10, ... of 60 thousand steps.
 #define FIRST_CALL  (3.0f / 60.0f)
@@ -229,7 +230,7 @@ static sv_status measure(lab_prior *p, const sv_bounds *bounds, sv_arena *scratc
   sv_status s = sv_prior_measure(p->prior, bounds, scratch, &p->n_maps);
   if (s < 0) return sv_fail(err, s, "no depth maps for --prior: %s", sv_status_text(s));
   if (p->n_maps > 0) lab_say(p->session, "depth maps of %d views from their overlap", p->n_maps);
-  if (p->n_maps + p->n_files + p->n_depths == 0)
+  if (p->method && p->n_maps + p->n_files + p->n_depths == 0)
     lab_say(p->session,
             "--prior %s: no depth maps (the views do not overlap, the dataset has no depth_prior); "
             "continuing without a depth loss",
@@ -281,8 +282,23 @@ sv_status lab_prior_begin(lab_prior *p, const lab_prior_input *run, const sv_bou
                      p->views->frames[i].path);
   sv_status s = lab_prior_load(p, err);
   if (s == SV_OK && p->command) s = begin_calls(p, err);
-  if (s == SV_OK && p->method) s = measure(p, bounds, scratch, err);
+  if (s == SV_OK && (p->method || p->n_files + p->n_depths > 0)) s = measure(p, bounds, scratch, err);
   if (s == SV_OK && p->n_files + p->n_depths > 0) align(p, bounds);
+  return s;
+}
+
+sv_status lab_prior_place(lab_prior *p, sv_driver_start *start, sv_err *err) {
+  if (p->n_aligned < 1) return SV_OK;
+  start->cap_points = p->trainer->g.n;
+  if (!(start->points = malloc((size_t)start->cap_points * sizeof *start->points)))
+    return sv_fail(err, SV_E_NOMEM, "no memory for %d points", start->cap_points);
+  start->n_points = sv_prior_points(p->prior, start->points, start->cap_points);
+  start->init = sv_stereo_init(&start->bounds, p->trainer->cfg.seed);
+  start->is_scene_set = true;
+  lab_say(p->session, "%d points from depth priors", start->n_points);
+  sv_status s = sv_driver_place(p->trainer, start, err);
+  free(start->points);
+  start->points = NULL;
   return s;
 }
 
