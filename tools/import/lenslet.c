@@ -4,12 +4,14 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "src/base/mathx.h"
 #include "src/base/str.h"
 #include "src/rig/lenslet.h"
 #include "tools/common/imageio.h"
 #include "tools/import/import.h"
+#include "tools/import/lytro.h"
 
 // What nobody has said: a field of view of 53 degrees and a millimeter between sub-views. Scale and
 // depth of the result are then arbitrary, its shape is right up to a stretch along the axis.
@@ -23,10 +25,17 @@ typedef struct {
   float *gain; // [sensor height][sensor width]
   sv_rig rig;
   void *rig_block;
+  bool is_lytro;   // raw files of a Lytro camera: values are linear
+  lab_lytro lytro; // the first of them
 } job;
 
 static sv_raw raw_of(const sv_bitmap *b) {
   return (sv_raw){b->u8, b->u16, b->width_px, b->height_px, b->n_channels};
+}
+
+static bool is_container(const char *name) {
+  const char *e = sv_path_extension(name);
+  return !strcasecmp(e, ".lfp") || !strcasecmp(e, ".lfr");
 }
 
 static bool is_picture(const char *name) {
@@ -89,12 +98,39 @@ static sv_status read_white(job *j, const sv_names *names, sv_err *err) {
   return s;
 }
 
+// A Lytro camera's white images are in DIR/white, or where --white says.
+static sv_status read_lytro_white(job *j, const sv_names *names, sv_err *err) {
+  char path[SV_CAP_PATH], folder[SV_CAP_PATH];
+  sv_bitmap b = {0};
+  int i = 0;
+  while (i < names->n && !is_container(names->names[i])) i++;
+  if (i == names->n) return sv_fail(err, SV_E_NOT_FOUND, "%s: has no .lfp or .lfr files", j->o->input);
+  sv_status s = sv_path_join(path, sizeof path, j->o->input, names->names[i], err);
+  if (s == SV_OK) s = lab_lytro_read(path, &j->lytro, &b, err);
+  sv_bitmap_free(&b);
+  if (s == SV_OK)
+    s = sv_path_join(folder, sizeof folder, j->o->white ? "." : j->o->input,
+                     j->o->white ? j->o->white : "white", err);
+  if (s == SV_OK) s = lab_lytro_white(folder, &j->lytro, path, &b, err);
+  if (s != SV_OK) return s;
+  lab_say(j->se, "white image: %s", path);
+  s = use_white(j, path, &b, err);
+  sv_bitmap_free(&b);
+  return s;
+}
+
 // --- rig -----------------------------------------------------------------------------------------
 
 static sv_status make_rig(job *j, sv_err *err) {
   sv_lenslet_optics optics = {.focal_px = j->o->focal_px > 0 ? j->o->focal_px : j->plan.width_px,
                               .baseline_m = j->o->baseline_m > 0 ? j->o->baseline_m : DEFAULT_BASELINE_M,
                               .focus_m = j->o->focus_m > 0 ? j->o->focus_m : 0};
+  // One pixel of a sub-view is one microlens; the sub-views lie within the lens's aperture.
+  const lab_lytro *l = &j->lytro;
+  if (j->is_lytro && l->focal_m > 0 && l->lens_pitch_m > 0 && !(j->o->focal_px > 0))
+    optics.focal_px = l->focal_m / l->lens_pitch_m;
+  if (j->is_lytro && l->focal_m > 0 && l->f_number > 0 && !(j->o->baseline_m > 0))
+    optics.baseline_m = l->focal_m / l->f_number / j->plan.grid.pitch_px;
   int n = j->plan.cfg.keep * j->plan.cfg.keep;
   size_t bytes = sizeof(sv_sub_view) * (size_t)n + 2 * SV_ARENA_ALIGN;
   j->rig_block = malloc(bytes);
@@ -102,8 +138,10 @@ static sv_status make_rig(job *j, sv_err *err) {
   if (sv_rig_init(&j->rig, n, &a) != SV_OK || sv_lenslet_rig(&j->rig, &j->plan, &optics) != SV_OK)
     return sv_fail(err, SV_E_NOMEM, "%s: no memory for a rig of %d sub-views", j->o->input, n);
   if (!(j->o->focal_px > 0 && j->o->baseline_m > 0))
-    lab_say(j->se, "assumed: --focal %.6g px, --baseline %.6g m%s", optics.focal_px, optics.baseline_m,
-            optics.focus_m > 0 ? "" : ", focus at infinity");
+    lab_say(j->se,
+            j->is_lytro ? "by the file or assumed: --focal %.6g px, --baseline %.6g m%s"
+                        : "assumed: --focal %.6g px, --baseline %.6g m%s",
+            optics.focal_px, optics.baseline_m, optics.focus_m > 0 ? "" : ", focus at infinity");
   char folder[SV_CAP_PATH];
   sv_status s = sv_path_join(folder, sizeof folder, j->o->out, "rig", err);
   return s == SV_OK ? lab_rig_write(&j->rig, folder, err) : s;
@@ -122,10 +160,15 @@ static void view_name(const sv_sub_view *v, int exposure, char *out, size_t cap)
   snprintf(out, cap, "%s/%06d.png", v->name, exposure);
 }
 
-static void put_channel(const float *from, sv_bitmap *b, int channel) {
+static float encode_srgb(float v) {
+  return v <= 0.0031308f ? 12.92f * v : 1.055f * powf(v, 1 / 2.4f) - 0.055f;
+}
+
+static void put_channel(const float *from, sv_bitmap *b, int channel, bool is_linear) {
   size_t n = (size_t)b->width_px * (size_t)b->height_px, nc = (size_t)b->n_channels;
   for (size_t i = 0; i < n; i++) {
     float v = sv_clampf(from[i], 0, 1);
+    if (is_linear) v = encode_srgb(v);
     if (b->bits == 8) b->u8[i * nc + (size_t)channel] = (uint8_t)(v * 255 + 0.5f);
     else b->u16[i * nc + (size_t)channel] = (uint16_t)(v * 65535 + 0.5f);
   }
@@ -153,7 +196,7 @@ static sv_status write_view(const shot *t, int i_view, sv_err *err) {
   for (int c = 0; c < b.n_channels && s == SV_OK; c++) {
     sv_lenslet_decode(p, &(sv_lenslet_image){&raw, t->j->gain, c}, i_view % p->cfg.keep, i_view / p->cfg.keep,
                       out + n, out);
-    put_channel(out, &b, c);
+    put_channel(out, &b, c, t->j->is_lytro);
   }
   if (s == SV_OK) s = sv_bitmap_write_png(path, &b, err);
   free(out);
@@ -201,7 +244,8 @@ static sv_status add_raw(lab_import *im, const job *j, const char *name, int exp
   char path[SV_CAP_PATH];
   shot t = {.j = j, .exposure = exposure};
   sv_status s = sv_path_join(path, sizeof path, j->o->input, name, err);
-  if (s == SV_OK) s = sv_bitmap_read(path, &t.raw, err);
+  lab_lytro l;
+  if (s == SV_OK) s = j->is_lytro ? lab_lytro_read(path, &l, &t.raw, err) : sv_bitmap_read(path, &t.raw, err);
   if (s != SV_OK) return s;
   if (t.raw.width_px != j->plan.sensor_width_px || t.raw.height_px != j->plan.sensor_height_px)
     s = sv_fail(err, SV_E_FORMAT, "%s: %dx%d pixels, the white image has %dx%d", path, t.raw.width_px,
@@ -214,11 +258,12 @@ static sv_status add_raw(lab_import *im, const job *j, const char *name, int exp
 
 static sv_status run(lab_import *im, job *j, const sv_names *names, sv_err *err) {
   int n = 0;
-  sv_status s = read_white(j, names, err);
+  sv_status s = j->is_lytro ? read_lytro_white(j, names, err) : read_white(j, names, err);
   if (s == SV_OK) s = make_rig(j, err);
   if (s == SV_OK) s = sv_path_join(j->images, sizeof j->images, j->o->out, "images", err);
   for (int i = 0; i < names->n && s == SV_OK; i++)
-    if (is_picture(names->names[i]) && !is_white(names->names[i]))
+    if (j->is_lytro ? is_container(names->names[i])
+                    : is_picture(names->names[i]) && !is_white(names->names[i]))
       s = add_raw(im, j, names->names[i], n++, err);
   if (s != SV_OK) return s;
   if (!n) return sv_fail(err, SV_E_NOT_FOUND, "%s: has a white image, but no other image", j->o->input);
@@ -234,6 +279,7 @@ sv_status lab_import_lenslet(lab_import *im, const lab_options *o, lab_session *
   if (!j) return sv_fail(err, SV_E_NOMEM, "%s: no memory to read it", o->input);
   j->o = o;
   j->se = se;
+  j->is_lytro = sv_str_eq(o->from, "lytro");
   sv_status s = sv_folder_list(o->input, &names, err);
   if (s == SV_OK) {
     s = run(im, j, &names, err);
