@@ -206,7 +206,8 @@ TEST(test_damaged) {
     uint8_t *copy = malloc(file_bytes);
     assert_non_null(copy);
     memcpy(copy, file, file_bytes);
-    const size_t n = i < 400 ? file_bytes * i / 400 : file_bytes; // cut; changed near the end; at the start
+    // Cut; changed near the end; changed at the start.
+    const size_t n = i < 400 ? file_bytes * i / 400 : file_bytes;
     const size_t at = i < 650 ? file_bytes - 1 - (i % 400) * 3 : i - 650;
     if (i >= 400) copy[at] ^= 0x15;
     const sv_file_data f = {"IMG.LFR", copy, n};
