@@ -157,8 +157,11 @@ static bool chord(const ball *b, const float ray[3], double *near, double *far) 
   return *near > 0;
 }
 
+// Between samples, in both directions.
 static int stride_of(const sv_prior_depth *d) {
-  return (int)sv_maxd(1.0, ceil(sqrt((double)d->width_px * d->height_px / SV_PRIOR_SAMPLES)));
+  int step = 1;
+  while ((d->width_px / step + 1) * (d->height_px / step + 1) > SV_PRIOR_SAMPLES) step++;
+  return step;
 }
 
 static void add_sample(sv_prior_samples *s, float map, double low, double high) {
