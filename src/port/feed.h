@@ -166,8 +166,9 @@ typedef struct {
 #define SV_FEED_CAP_MODES     24
 #define SV_FEED_CAP_MODE_TEXT 24
 typedef struct {
-  int32_t n, i_mode;                                   // the chosen one, -1: as the session was started
-  char text[SV_FEED_CAP_MODES][SV_FEED_CAP_MODE_TEXT]; // "640x480@30"
+  int32_t n, i_mode; // i_mode: the chosen one, -1: as the session was started
+  // "640x480@30"
+  char text[SV_FEED_CAP_MODES][SV_FEED_CAP_MODE_TEXT];
 } sv_feed_modes;
 
 // A camera that somebody looks at in full view; several take turns.
