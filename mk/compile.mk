@@ -14,6 +14,8 @@ compile = @mkdir -p $(@D); $(if $(V),echo $(CC) $(1) $<;) $(CC) -MMD -MP $(1) -c
 compile_cxx = @mkdir -p $(@D); $(if $(V),echo $(CXX) $(1) $<;) $(CXX) -MMD -MP $(CXXFLAGS_ALL) $(1) -c $< -o $@
 $(O)/obj/shared/%.o: %.cc
 	$(call compile_cxx,$(SHARED_CFLAGS) -isystem $(INC_DIR)/libcamera)
+$(O)/obj/shared/calib/solve/%.o: calib/solve/%.cc
+	$(call compile_cxx,$(SHARED_CFLAGS) -isystem $(INC_DIR)/opencv4)
 $(O)/obj/shared/%.o: %.c
 	$(call compile,$(HOST_CFLAGS) $(SHARED_CFLAGS))
 $(O)/obj/platform/%.o: platform/%.c

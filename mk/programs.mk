@@ -9,7 +9,10 @@ ARCHIVES := $(O)/libtools.a $(O)/libplatform.a $(CORE)
 PROGRAMS := $(O)/bin/subview $(O)/bin/subview-lab
 # Opened by `subview` when a libcamera source is asked for: as in an installation, in lib/subview
 # beside bin.
-MODULES  := $(if $(MODULE_CXX),$(O)/lib/subview/subview-libcamera.so)
+CAMERA_MODULE := $(if $(MODULE_CXX),$(O)/lib/subview/subview-libcamera.so)
+# Opened by `subview-lab import` when it matches views: OpenCV is loaded by nothing else of it.
+MATCH_MODULE := $(if $(HAVE_opencv),$(O)/lib/subview/subview-matches.so)
+MODULES  := $(CAMERA_MODULE) $(MATCH_MODULE)
 ifneq ($(WITH),minimal)
 PROGRAMS += $(O)/bin/subview-preview $(O)/bin/subview-calibrate $(if $(HAVE_dnn),$(O)/bin/subview-depth)
 endif
@@ -29,14 +32,16 @@ $(O)/bin/subview: $(call obj,$(MAIN_SRC)) $(ARCHIVES)
 $(O)/bin/subview-preview: $(call obj,$(PREVIEW_SRC)) $(O)/libplatform.a $(CORE)
 	$(call link,$(call has_lib,microhttpd.h,-lmicrohttpd) $(call has_lib,seccomp.h,-lseccomp) \
 	  $(call has_lib,gnutls/x509.h,-lgnutls))
-# Matches views by the solver library, where there is OpenCV.
-$(O)/bin/subview-lab: $(call obj,tools/lab/main.c) $(O)/libcalibrate.a $(ARCHIVES)
-	$(call link,$(if $(HAVE_opencv),$(SOLVE_LIBS_opencv) -lstdc++))
+$(O)/bin/subview-lab: $(call obj,tools/lab/main.c) $(ARCHIVES)
+	$(call link)
 $(O)/bin/subview-calibrate: $(call obj,tools/calibrate/main.c) $(O)/libcalibrate.a $(ARCHIVES)
 	$(call link,$(SOLVE_LIBS))
 $(O)/bin/subview-depth: $(call obj,tools/prior/depth_dnn.cc) $(ARCHIVES)
 	$(call link,-lopencv_dnn -lopencv_imgproc -lopencv_core -lstdc++)
-$(MODULES): $(MODULE_OBJ)
+$(MATCH_MODULE): $(MATCH_OBJ)
+	@mkdir -p $(@D); $(if $(V),echo link $@;) $(CXX) -shared $(MATCH_OBJ) $(LDFLAGS_ALL) $(if $(SAN),,-Wl$(comma)-z$(comma)defs) \
+	  $(SOLVE_LIBS_opencv) -lm -o $@
+$(CAMERA_MODULE): $(MODULE_OBJ)
 	@mkdir -p $(@D); $(if $(V),echo link $@;) $(CXX) -shared $(MODULE_OBJ) $(LDFLAGS_ALL) $(if $(SAN),,-Wl$(comma)-z$(comma)defs) \
 	  -lcamera -lcamera-base -o $@
 

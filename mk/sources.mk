@@ -49,6 +49,10 @@ SOLVE_SRC  := $(filter-out $(foreach l,$(SOLVE_ALL),%_$(l).c %_$(l)_none.c),$(wi
 SOLVE_LIBS := $(foreach l,$(SOLVE_ALL),$(if $(HAVE_$(l)),$(SOLVE_LIBS_$(l)))) \
   $(if $(HAVE_opencv)$(HAVE_mrgingham)$(HAVE_opengv),-lstdc++)
 
+# The module subview-matches.so.
+MATCH_SRC := $(if $(HAVE_opencv),calib/solve/structure_opencv.cc calib/solve/align.c src/base/vec.c src/base/mathx.c)
+MATCH_OBJ := $(patsubst %,$(O)/obj/shared/%.o,$(basename $(MATCH_SRC)))
+
 CORE_OBJ := $(call obj,$(CORE_SRC)) $(KERNEL_OBJ)
-ALL_OBJ  := $(CORE_OBJ) $(PROBE_OBJ) $(MODULE_OBJ) $(call obj,tools/prior/depth_dnn.cc) \
+ALL_OBJ  := $(CORE_OBJ) $(PROBE_OBJ) $(MODULE_OBJ) $(MATCH_OBJ) $(call obj,tools/prior/depth_dnn.cc) \
   $(call obj,$(PLAT_SRC) $(PREVIEW_SRC) $(MAIN_SRC) $(LAB_SRC) $(CAL_SRC) $(SOLVE_SRC) $(TEST_SRC))

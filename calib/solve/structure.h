@@ -40,9 +40,11 @@ bool sv_structure_available(void);
 
 // Points seen in several of the n_views images, as tracks: *observations (malloc'ed, the caller's)
 // by point. The number of points in *n_points, of observations returned; 0 when there are none, -1
-// without memory or when may_run ended it.
-int sv_structure_tracks(const sv_structure_view *views, int n_views, const sv_structure_options *o,
-                        sv_array_observation **observations, int *n_points);
+// without memory or when may_run ended it. Visible in the module subview-matches.so.
+__attribute__((visibility("default"))) int sv_structure_tracks(const sv_structure_view *views, int n_views,
+                                                               const sv_structure_options *o,
+                                                               sv_array_observation **observations,
+                                                               int *n_points);
 
 // Poses of all views (view 0: identity) and positions of the points from their tracks, with the
 // lenses as given. Observations that RANSAC threw out are marked. False when the views could not be

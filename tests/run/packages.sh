@@ -52,7 +52,7 @@ verdict $? "subview recommends: $(names Recommends)"
 field subview-calibrate Depends | grep -q 'libmrcal.*libopencv'
 verdict $? "subview-calibrate depends on mrcal and OpenCV"
 field subview-lab Recommends | grep -q 'libopencv-dnn' && ! field subview-lab Depends | grep -q opencv
-verdict $? "subview-lab recommends OpenCV for depth networks"
+verdict $? "subview-lab recommends OpenCV for depth networks and matching"
 
 holds() { # package, paths
   package=$1

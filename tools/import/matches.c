@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <dlfcn.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "tools/common/imageio.h"
 #include "tools/import/refine.h"
@@ -12,10 +15,29 @@
 #define CAP_SIDE_PX  1600 // larger pictures are reduced
 #define MIN_PARALLEL 3e-6 // squared sine of a tenth of a degree
 
-static lab_matcher match_views;
+#define MODULE "subview-matches.so"
 
-void lab_set_matcher(lab_matcher matcher) { match_views = matcher; }
-bool lab_has_matcher(void) { return match_views != NULL; }
+typedef int (*matcher)(const sv_structure_view *views, int n_views, const sv_structure_options *o,
+                       sv_array_observation **observations, int *n_points);
+
+// sv_structure_tracks of the module; it stays open. NULL: it is not there, or does not load.
+static matcher find_matcher(void) {
+  static const char *const below[] = {"", "../lib/subview/"};
+  char folder[512], path[640];
+  ssize_t n = readlink("/proc/self/exe", folder, sizeof folder - 1);
+  while (n > 0 && folder[n - 1] != '/') n--;
+  for (size_t i = 0; n > 0 && i < sizeof below / sizeof *below; i++) {
+    snprintf(path, sizeof path, "%.*s%s%s", (int)n, folder, below[i], MODULE);
+    void *module = access(path, R_OK) == 0 ? dlopen(path, RTLD_NOW | RTLD_LOCAL) : NULL;
+    matcher out = NULL;
+    void *symbol = module ? dlsym(module, "sv_structure_tracks") : NULL;
+    memcpy(&out, &symbol, sizeof out); // C has no cast from objects to functions
+    if (out) return out;
+  }
+  return NULL;
+}
+
+bool lab_has_matcher(void) { return find_matcher() != NULL; }
 
 void lab_matches_free(lab_matches *m) {
   free(m->obs);
@@ -101,10 +123,11 @@ static sv_status take(lab_matches *m, const int *k, sv_err *err) {
 
 sv_status lab_matches_find(lab_matches *m, const lab_import *im, lab_session *se, sv_err *err) {
   memset(m, 0, sizeof *m);
+  const matcher match_views = find_matcher();
   if (!match_views)
     return sv_fail(err, SV_E_UNSUPPORTED,
-                   "matching pictures needs OpenCV, which this build does not have; install libopencv-dev "
-                   "and build again");
+                   "matching pictures needs " MODULE " and the libraries of OpenCV that it loads; install "
+                   "libopencv-calib3d and libopencv-features2d, or build with libopencv-dev");
   sv_structure_view *views = calloc((size_t)im->n, sizeof *views);
   int *k = calloc((size_t)im->n, sizeof *k);
   sv_status s = views && k ? SV_OK : sv_fail(err, SV_E_NOMEM, "no memory for %d images", im->n);

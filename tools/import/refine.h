@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses made better by what the pictures show: points matched between views (SIFT, by the solver
-// library, which only subview-lab is linked with), the scale that a rig's baseline gives, and
+// Poses made better by what the pictures show: points matched between views (SIFT, by a
+// module that has OpenCV), the scale that a rig's baseline gives, and
 // bundle adjustment with rig constraints. Owns its matches; never touches pictures.
 #ifndef SV_TOOLS_IMPORT_REFINE_H
 #define SV_TOOLS_IMPORT_REFINE_H
@@ -14,10 +14,8 @@ extern "C" {
 
 // --- matches (matches.c) -------------------------------------------------------------------------
 
-// Of sv_structure_tracks, which the program hands in; without it there are no matches.
-typedef int (*lab_matcher)(const sv_structure_view *views, int n_views, const sv_structure_options *o,
-                           sv_array_observation **observations, int *n_points);
-void lab_set_matcher(lab_matcher matcher);
+// Whether the module subview-matches.so, which has OpenCV, is beside this program or in
+// ../lib/subview, and loads.
 bool lab_has_matcher(void);
 
 // Points seen in at least three views, in pixels of the views.

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "src/base/str.h"
-#include "tools/import/refine.h"
 #include "tools/lab/lab.h"
 
 static const lab_command commands[] = {
@@ -174,7 +173,6 @@ static int run_command(int argc, char **argv) {
 }
 
 int main(int argc, char **argv) {
-  if (sv_structure_available()) lab_set_matcher(sv_structure_tracks);
   sv_linux_begin_program();
   return sv_linux_end_program("subview-lab", run_command(argc, argv));
 }

@@ -107,6 +107,10 @@ program subview-calibrate
 package=subview-lab
 program subview-lab
 [ ! -e "$stage/usr/bin/subview-depth" ] || program subview-depth
+if [ -e "$stage/usr/lib/subview/subview-matches.so" ]; then
+  put 644 "$stage/usr/lib/subview/subview-matches.so" usr/lib/subview
+  "$strip" --strip-unneeded --remove-section=.comment "$work/subview-lab/usr/lib/subview/subview-matches.so"
+fi
 package=libsubview-dev
 put 644 "$stage/usr/lib/libsubview.a" "usr/lib/$DEB_HOST_MULTIARCH"
 put 644 "$stage/usr/lib/pkgconfig/subview.pc" "usr/lib/$DEB_HOST_MULTIARCH/pkgconfig"
@@ -132,9 +136,9 @@ for package in subview subview-calibrate subview-lab libsubview-dev; do
     modules=$(find subview/usr/lib -name '*.so')
     shlibs Depends subview/usr/bin/* ${modules:+-dRecommends $modules}
     ;;
-  subview-lab) # only depth networks need OpenCV
-    shlibs Depends subview-lab/usr/bin/subview-lab $([ ! -e subview-lab/usr/bin/subview-depth ] ||
-      echo -dRecommends subview-lab/usr/bin/subview-depth)
+  subview-lab) # only depth networks and matching need OpenCV
+    extras=$(find subview-lab/usr/bin/subview-depth subview-lab/usr/lib -type f 2>/dev/null)
+    shlibs Depends subview-lab/usr/bin/subview-lab ${extras:+-dRecommends $extras}
     ;;
   subview-*) shlibs Depends "$package"/usr/bin/* ;;
   esac
