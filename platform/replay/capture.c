@@ -190,10 +190,11 @@ static sv_status read_area(const json_t *j, int t, sv_sensor_area *out) {
 static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_capture_frame **pool) {
   static const char *const clocks[] = {"camera", "monotonic", "boottime", "realtime"};
   static const char *const stamps[] = {"start", "middle", "end"};
+  static const char *const lights[] = {"free", "told", "locked", "shared"};
   if (j->tokens[t].type != JSMN_OBJECT) return bad(j, t, "cameras", "a list of objects");
   *c = (sv_capture_camera){.caps = {.format = SV_PIX_RGB8}};
   const char *name = "";
-  int v = find(j, t, "name"), clock = 0, stamp = 0;
+  int v = find(j, t, "name"), clock = 0, stamp = 0, light = 0;
   if (v < 0 || !get_text(j, v, &name) || !sv_copy(c->caps.name, sizeof c->caps.name, name))
     return bad(j, t, "name", "a plain string of up to 47 bytes");
   v = find(j, t, "folder");
@@ -209,6 +210,8 @@ static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_ca
         &clock);
   if (s == SV_OK)
     s = read_choice(j, t, &(choice_key){"stamp", stamps, 3, SV_STAMP_START, "start, middle or end"}, &stamp);
+  if (s == SV_OK)
+    s = read_choice(j, t, &(choice_key){"light", lights, 4, 0, "free, told, locked or shared"}, &light);
   if (s < 0) return s;
   v = find(j, t, "fps");
   if (v >= 0 && (!read_double(j, v, &c->caps.fps) || c->caps.fps < 0 || c->caps.fps > 1e6))
@@ -217,6 +220,9 @@ static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_ca
   c->caps.height_px = (int)h;
   c->caps.clock = (sv_clock_id)clock;
   c->caps.stamp = (sv_stamp_source)stamp;
+  c->caps.is_exposure_told = light > 0;
+  c->caps.is_light_locked = light > 1;
+  c->caps.is_light_shared = light > 2;
   int64_t bits = 8;
   s = get_int(j, t, &(int_key){"bits", 8, 16, 8, "8 or 16"}, &bits);
   if (s == SV_OK && bits != 8 && bits != 16) s = bad(j, find(j, t, "bits"), "bits", "8 or 16");

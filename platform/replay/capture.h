@@ -19,6 +19,7 @@
 //        "bits": 8 | 16,                  default 8; 16: PNG files, played back as RGB16
 //        "clock": "camera" | "monotonic" | "boottime" | "realtime",     default "monotonic"
 //        "stamp": "start" | "middle" | "end",                           default "start"
+//        "light": "free" | "told" | "locked" | "shared",                default "free"
 //        "frames": [
 //          {"file": "000000.jpg", "sequence": 0, "camera_ns": 100, "arrival_ns": 200,
 //           "exposure_ns": 0}, ...
@@ -28,6 +29,9 @@
 //       {"time_ns": 100, "rig_from_world": [qw,qx,qy,qz, tx,ty,tz]}, ...
 //     ]
 //   }
+// light: of exposure time, gain and white balance, while the frames came. told: nothing but the
+// exposure time changed, and frames tell it; locked: nothing changed; shared: and all cameras of
+// which this is said had the same values.
 // arrival_ns never decreases. Defaults: sequence is the index in the list, arrival_ns is camera_ns,
 // exposure_ns is 0. Poses are in rising order of time_ns (host time, as arrival_ns). Times are
 // whole nanoseconds. x_rig = R(q) x_world + t, metres.

@@ -25,7 +25,7 @@
 #define FIRST_SPREAD 2.0
 #define SPREAD       0.1
 #define MIXING       5.0 // standard deviations at which a term off the diagonal is no accident
-#define UNKNOWN      0.5 // a gain whose logarithm is that uncertain is not known
+#define UNKNOWN      0.1 // a gain whose logarithm is that uncertain is not known
 
 // What one view tells of one point: unknowns i with factors h.
 typedef struct {
@@ -305,12 +305,24 @@ static void set_camera(problem *p, int c) {
   measured->falloff_sigma *= sv_exp(f[0] + f[1]);
   measured->is_known = true;
   for (int k = 0; k < 3; k++) measured->is_known &= measured->color_sigma[k] < UNKNOWN;
+  if (!measured->is_known) return; // training finds it from no difference
   memcpy(g->p, measured->color, sizeof measured->color);
   memcpy(g->p + 12, measured->falloff, sizeof measured->falloff);
 }
 
+// Where no two cameras could be compared, the points are no surfaces, and tell nothing at all.
+static bool is_certain(const problem *p) {
+  int n = 0;
+  for (int c = 1; c < p->n_cameras; c++) {
+    const double *sigma = p->t->appearance.measured[c].color_sigma;
+    n += sigma[0] < UNKNOWN && sigma[1] < UNKNOWN && sigma[2] < UNKNOWN;
+  }
+  return n > 0 || p->n_cameras == 1;
+}
+
 static void set_groups(problem *p) {
   sv_appearance *a = &p->t->appearance;
+  if (!is_certain(p)) return;
   for (int c = 0; c < p->n_cameras; c++) set_camera(p, c);
   for (int e = 1; e < p->n_exposures; e++)
     for (int k = 0; k < 3; k++) a->exposure[e].p[4 * k] = sv_exp(p->solved[k][3 * p->n_cameras + e]);
