@@ -10,11 +10,12 @@
 #include "src/train/checkpoint.h"
 #include "src/train/seed.h"
 
-#define QUEUE_LEN      4
-#define NEIGHBOURS_NS  (70 * SV_NS_PER_US)
-#define CAP_READY      2    // exposures that may wait for a training step to end
-#define RELEASE_AT     0.8f // progress
-#define MEASURED_VIEWS 13   // while training: not a multiple of the usual numbers of sub-views
+#define MAX_LAST_TURN_S 1
+#define QUEUE_LEN       4
+#define NEIGHBOURS_NS   (70 * SV_NS_PER_US)
+#define CAP_READY       2    // exposures that may wait for a training step to end
+#define RELEASE_AT      0.8f // progress
+#define MEASURED_VIEWS  13   // while training: not a multiple of the usual numbers of sub-views
 
 const char *sv_app_state_name(sv_app_state s) {
   static const char *const names[] = {"idle", "capturing", "training", "saving", "done", "failed"};
@@ -174,6 +175,11 @@ static void show_exposure(void *self) {
 
 static sv_heat heat_now(void *self) { return sv_app_heat(self); }
 static bool is_exposure_due(void *self) { return sv_app_is_exposure_due(self); }
+// The turn of the newest exposure is completed, unless that takes long.
+static bool may_end(void *self) {
+  const sv_app *app = self;
+  return app->cfg.exposure_s > MAX_LAST_TURN_S || sv_app_is_exposure_due(app);
+}
 static sv_status publish(void *self) { return sv_app_publish_preview(self); }
 
 // The newest exposure takes the place of the oldest, in the pool and in what is trained on.
@@ -509,7 +515,7 @@ static sv_status train(sv_app *app, sv_err *err) {
                              .console = app->port.console,
                              .self = app,
                              .before_step = before_step,
-                             .may_end = app->cfg.is_continuous ? is_exposure_due : NULL,
+                             .may_end = app->cfg.is_continuous ? may_end : NULL,
                              .after_step = after_step,
                              .least_db_per_s = app->cfg.least_db_per_s,
                              .measure = measure,

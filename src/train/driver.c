@@ -221,6 +221,7 @@ sv_status sv_driver_run(sv_driver *d, const sv_driver_cfg *cfg, sv_trainer *t, s
     const float of_limit =
         cfg->n_steps ? (float)t->step / (float)cfg->n_steps : (float)(t->trained_s / cfg->limit_s);
     const float progress = sv_plateau_progress(&d->plateau, t->step, of_limit);
+    if (cfg->n_steps && progress >= 1.0f) return SV_OK;
     const bool is_over = progress >= 1.0f || (cfg->limit_s > 0 && t->trained_s >= cfg->limit_s);
     if (is_over && (!cfg->may_end || cfg->may_end(cfg->self))) return SV_OK;
     if (is_stop_requested(d))

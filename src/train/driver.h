@@ -85,7 +85,7 @@ typedef struct {
   void *self;
   // Called before each step; may be NULL.
   sv_status (*before_step)(void *self, float progress, sv_driver_turn *turn, sv_err *err);
-  // Whether a run that is over may end now. NULL: at once.
+  // Whether a run whose seconds are over may end now. NULL: at once.
   bool (*may_end)(void *self);
   // Called after each step, which ran from from_s to now_s of the clock. *now_s is moved on by what
   // it takes, which is training time. May be NULL.
