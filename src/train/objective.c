@@ -54,7 +54,13 @@ static float opacity_weight(const sv_sampling *s, bool is_grid) {
   return is_grid ? 0.015f : s->is_far ? 0.05f : 0.03f;
 }
 
+// Of the Gaussians, in each relocation: many exposures of a still scene tell which ones matter
+// least.
+#define RELOCATED_SHARE 0.02f
+
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
+  if (s->n_exposures >= MANY_EXPOSURES && !s->is_moving && !s->is_multiplexed)
+    cfg->relocate_share = RELOCATED_SHARE;
   bool is_grid = s->n_sub_views >= GRID_VIEWS || s->is_multiplexed;
   // Lens images are coarser than the pictures that one looks at.
   if (is_grid) {

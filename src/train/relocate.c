@@ -61,11 +61,59 @@ void sv_train_copy_slot(sv_trainer *t, int to, int from) {
   t->err[to] = t->err[from];
 }
 
+// --- long-axis split -----------------------------------------------------------------------------
+
+#define LONG_RATIO    1.5 // of the longest axis to the next, from which a Gaussian is cut across it
+#define CUT_OFFSET    0.7 // of the halves, in standard deviations: together they have the whole's
+#define CUT_SCALE     0.7 // second moment
+#define CUT_OPACITY   0.8
+#define COPIES_HALVES (-2) // in the place of the number of copies: cut in two
+
+static int long_axis(const float *p) {
+  const float *s = p + 16 * SV_ROW_SCALE;
+  const int a = s[16] > s[0];
+  return s[32] > s[16 * a] ? 2 : a;
+}
+
+static bool is_long(const float *p) {
+  const float *s = p + 16 * SV_ROW_SCALE;
+  const int a = long_axis(p);
+  const float next = sv_maxf(s[16 * ((a + 1) % 3)], s[16 * ((a + 2) % 3)]);
+  return sv_exp((double)(s[16 * a] - next)) >= LONG_RATIO;
+}
+
+static void shift_along(float *p, double deviations) {
+  const int a = long_axis(p);
+  double q[4], r[9];
+  for (int k = 0; k < 4; k++) q[k] = (double)p[16 * (SV_ROW_QUAT + k)];
+  sv_quat_to_mat(r, q);
+  const double d = deviations * sv_exp((double)p[16 * (SV_ROW_SCALE + a)]);
+  for (int k = 0; k < 3; k++) p[16 * k] += (float)(r[3 * k + a] * d);
+}
+
+// The first half. The second is its copy, on the other side.
+static void cut(float *p, double opacity) {
+  const double o = CUT_OPACITY * opacity;
+  const int a = long_axis(p);
+  shift_along(p, CUT_OFFSET);
+  p[16 * (SV_ROW_SCALE + a)] += (float)sv_log(CUT_SCALE);
+  p[16 * SV_ROW_LOGIT] = (float)sv_log(o / (1.0 - o));
+}
+
+static void move_second_half(float *p) { shift_along(p, -2.0 * CUT_OFFSET / CUT_SCALE); }
+
+// --- relocation ----------------------------------------------------------------------------------
+
 // Opacity and scale of the copies of one source; the copies are also spread along the source's own
-// axes.
+// axes. Many exposures tell where the halves of a long one belong.
 static void apply_split(sv_trainer *t, int i, int n) {
   double o_new, factor;
   float *p = sv_gaussians_at(&t->g, i, 0);
+  if (t->cfg.relocate_share > 0 && n == 2 && is_long(p)) {
+    cut(p, opacity_of(t, i));
+    t->relocation.copies[i] = COPIES_HALVES;
+    return;
+  }
   sv_relocation_split(sv_clampf((float)opacity_of(t, i), 1e-4f, 0.9999f), n, &o_new, &factor);
   p[16 * SV_ROW_LOGIT] = (float)sv_log(o_new / (1.0 - o_new));
   for (int k = 0; k < 3; k++) p[16 * (SV_ROW_SCALE + k)] += (float)sv_log(factor);
@@ -125,8 +173,52 @@ static void kill_too_wide(sv_trainer *t) {
     if (is_too_wide(t, i)) *sv_gaussians_at(&t->g, i, SV_ROW_LOGIT) = DEAD_LOGIT;
 }
 
-uint32_t sv_train_relocate(sv_trainer *t) {
+// --- the budget ----------------------------------------------------------------------------------
+
+// What the pictures would lose without a Gaussian, about: opacity x largest area x blended error.
+static double score_of(const sv_trainer *t, int i) {
+  const float *s = sv_gaussians_at(&t->g, i, SV_ROW_SCALE);
+  const float least = sv_minf(s[0], sv_minf(s[16], s[32]));
+  return opacity_of(t, i) * sv_exp((double)(s[0] + s[16] + s[32] - least)) * (double)t->err[i];
+}
+
+// Quickselect: the k-th smallest of a, which is reordered.
+static double select_least(double *a, int n, int k) {
+  int lo = 0, hi = n - 1;
+  while (lo < hi) {
+    const double pivot = a[lo + (hi - lo) / 2];
+    int i = lo, j = hi;
+    while (i <= j) {
+      while (a[i] < pivot) i++;
+      while (a[j] > pivot) j--;
+      if (i > j) break;
+      const double x = a[i];
+      a[i++] = a[j];
+      a[j--] = x;
+    }
+    if (k <= j) hi = j;
+    else if (k >= i) lo = i;
+    else break;
+  }
+  return a[k];
+}
+
+// Makes a share of the Gaussians free for relocation: those that died, and of the others those that
+// matter least.
+static void kill_least(sv_trainer *t) {
+  int n_live = 0;
+  for (int i = 0; i < t->g.n; i++)
+    if (opacity_of(t, i) > (double)SV_OPACITY_DEAD) t->relocation.cum[n_live++] = score_of(t, i);
+  const int n = (int)(t->cfg.relocate_share * (float)t->g.n) - (t->g.n - n_live);
+  if (n <= 0 || n >= n_live) return;
+  const double least = select_least(t->relocation.cum, n_live, n);
+  for (int i = 0; i < t->g.n; i++)
+    if (score_of(t, i) < least) *sv_gaussians_at(&t->g, i, SV_ROW_LOGIT) = DEAD_LOGIT;
+}
+
+uint32_t sv_train_relocate(sv_trainer *t, float progress) {
   kill_too_wide(t);
+  if (t->cfg.relocate_share > 0 && progress <= t->cfg.relocate_share_until) kill_least(t);
   uint32_t n_dead, n_done = 0;
   double sum = accumulate(t, &n_dead);
   if (!n_dead || !(sum > 0)) return 0;
@@ -140,16 +232,19 @@ uint32_t sv_train_relocate(sv_trainer *t) {
     t->relocation.source[i] = src;
   }
   for (int i = 0; i < t->g.n; i++) {
-    if (t->relocation.copies[i] < 2) continue;
-    apply_split(t, i, t->relocation.copies[i]);
+    const int n_copies = t->relocation.copies[i];
+    if (n_copies < 2) continue;
+    apply_split(t, i, n_copies);
     clear_moments(t, i);
-    t->err[i] /= (float)t->relocation.copies[i];
+    t->err[i] /= (float)n_copies;
   }
   for (int i = 0; i < t->g.n; i++) {
     if (t->relocation.source[i] < 0) continue;
     sv_train_copy_slot(t, i, t->relocation.source[i]);
     if (SV_TRAIN_HAS(t, copy)) t->hooks->copy(t->hooked, i, t->relocation.source[i]);
-    displace(t, i);
+    if (t->relocation.copies[t->relocation.source[i]] == COPIES_HALVES)
+      move_second_half(sv_gaussians_at(&t->g, i, 0));
+    else displace(t, i);
     n_done++;
   }
   t->n_relocated += n_done;

@@ -12,8 +12,9 @@ extern "C" {
 
 // Whether the step that was just counted relocates.
 bool sv_train_is_relocation_due(const sv_trainer *t, float progress);
-// Relocates Gaussians of opacity <= SV_OPACITY_DEAD; returns how many.
-uint32_t sv_train_relocate(sv_trainer *t);
+// Relocates Gaussians of opacity <= SV_OPACITY_DEAD, and what relocate_share asks for; returns how
+// many.
+uint32_t sv_train_relocate(sv_trainer *t, float progress);
 // A Gaussian becomes a copy of another, with running means of its own.
 void sv_train_copy_slot(sv_trainer *t, int to, int from);
 // Opacity and scale factor of n copies that together look like one Gaussian of opacity o: 1 -

@@ -273,7 +273,7 @@ static sv_status add_images(sv_trainer *t, float progress, const sv_render_optio
 
 static void relocate(sv_trainer *t, float progress) {
   if (t->cfg.relocate_every > 0 && t->step % (uint32_t)t->cfg.relocate_every == 0) sv_train_set_floors(t);
-  if (sv_train_is_relocation_due(t, progress)) sv_train_relocate(t);
+  if (sv_train_is_relocation_due(t, progress)) sv_train_relocate(t, progress);
 }
 
 static sv_status run_hook(sv_trainer *t, sv_status (*hook)(void *self, float progress), float progress) {

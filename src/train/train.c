@@ -54,6 +54,7 @@ sv_train_cfg sv_train_defaults(void) {
       .relocate_every = 100,
       .relocate_from = 0.05f,
       .relocate_until = 0.8f,
+      .relocate_share_until = 0.4f,
       .noise = 1.0f,
       .expected_steps = 3000,
       .appearance = sv_appearance_defaults()};

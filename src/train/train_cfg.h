@@ -117,6 +117,11 @@ typedef struct sv_train_cfg {
   int relocate_every;
   // Progress between which there are relocations. Defaults 0.05 and 0.8.
   float relocate_from, relocate_until;
+  // Share of the Gaussians that each relocation moves at least: dead ones first, then those that
+  // matter least; long ones are cut in two where they go. 0 to 1. Default 0: dead ones alone.
+  float relocate_share;
+  // Progress until which it does; the rest of the run is fine-tuning. Default 0.4.
+  float relocate_share_until;
   float noise; // Factor on the SGLD position noise of low-opacity Gaussians. Default 1.
   // Minimum screen-space scale: smallest standard deviation of a Gaussian, in pixels of the view
   // that sees it sharpest. Default 0: none.

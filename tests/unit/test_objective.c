@@ -37,6 +37,16 @@ TEST(test_dropout) {
   assert_true(of(1, 16, false, false).dropout < of(1, 2, false, false).dropout);
 }
 
+// Only many exposures of a still scene tell which Gaussians matter least.
+TEST(test_relocated_share) {
+  assert_true(sv_train_defaults().relocate_share == 0);
+  for (int n = 1; n <= 30; n++) {
+    assert_true((of(n, 2, false, false).relocate_share > 0) == (n >= 18));
+    assert_true(of(n, 2, false, true).relocate_share == 0);
+    assert_true(of(n, 16, true, false).relocate_share == 0);
+  }
+}
+
 // A few exposures tell what is transparent by random backgrounds while the model takes shape.
 TEST(test_random_backgrounds) {
   assert_true(sv_train_defaults().random_until == 0);
@@ -79,7 +89,7 @@ TEST(test_far) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dropout),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dropout), cmocka_unit_test(test_relocated_share),
                                      cmocka_unit_test(test_random_backgrounds),
                                      cmocka_unit_test(test_weight_of_many), cmocka_unit_test(test_far)};
   return cmocka_run_group_tests(tests, NULL, NULL);
