@@ -17,6 +17,7 @@
 
 #define LOSS_STEPS   50  // that the mean loss is over, about
 #define LINE_EVERY_S 0.5 // between two progress lines
+#define BAR_LENGTH   20  // characters
 #define LINE_BYTES   768
 
 // --- objective -----------------------------------------------------------------------------------
@@ -166,11 +167,14 @@ static void progress_line(const sv_driver *d, const sv_trainer *t, float progres
   char line[LINE_BYTES];
   sv_str s = sv_str_make(line, sizeof line);
   if (!c->console.log) return;
-  sv_str_add(&s, "train  %u", t->step);
+  const sv_plateau *p = &d->plateau;
+  const double rest = 1 - (double)progress;
+  sv_str_add(&s, "train [");
+  for (int i = 0; i < BAR_LENGTH; i++) sv_str_add(&s, "%s", (float)i < progress * BAR_LENGTH ? "#" : ".");
+  sv_str_add(&s, "]  %u", t->step);
   if (c->n_steps) sv_str_add(&s, "/%u", c->n_steps);
   sv_str_add(&s, " steps  %.0f steps/s  loss %.4f  ", sv_driver_steps_per_s(d), d->loss);
-  const double rest = 1 - (double)progress;
-  const sv_plateau *p = &d->plateau;
+  if (p->db > 0) sv_str_add(&s, "held-out pixels %.1f dB  ", p->db);
   if (p->n_steps)
     sv_str_add(&s, "ETA %.0f s", (p->from_step + p->n_steps - t->step) / sv_driver_steps_per_s(d));
   else if (c->n_steps)

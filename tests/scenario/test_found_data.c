@@ -71,6 +71,20 @@ TEST(test_zip) {
   expect(1, "cut.zip: unzip could not unpack it", TRAIN "--data cut.zip --out f");
 }
 
+// A page beside the model, handed to what opens pages; a word where there is nothing.
+TEST(test_open) {
+  lab_shell_need(&shell);
+  lab_shell_run_well(&shell,
+                     "mkdir opener && printf '#!/bin/sh\\necho \"$1\" >opened\\n' >opener/xdg-open && "
+                     "chmod +x opener/xdg-open");
+  lab_shell_run_well(&shell, "PATH=\"$PWD/opener:$PATH\" " TRAIN "--data ds --out page --open --quiet");
+  lab_shell_run_well(&shell, "grep -qx page/model.html opened && grep -q '<canvas' page/model.html");
+  lab_shell_run_well(&shell,
+                     "printf '#!/bin/sh\\nexit 3\\n' >opener/xdg-open && PATH=\"$PWD/opener:$PATH\" " TRAIN
+                     "--data ds --out page --open");
+  assert_contains(shell.said, "xdg-open did not open the model; open page/model.html in a browser");
+}
+
 TEST(test_nothing) {
   lab_shell_need(&shell);
   lab_shell_run_well(&shell, "mkdir -p other/docs && touch other/notes.txt");
@@ -97,6 +111,7 @@ TEST(test_pictures) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_capture), cmocka_unit_test(test_dataset_stays),
                                      cmocka_unit_test(test_colmap),  cmocka_unit_test(test_zip),
-                                     cmocka_unit_test(test_nothing), cmocka_unit_test(test_pictures)};
+                                     cmocka_unit_test(test_open),    cmocka_unit_test(test_nothing),
+                                     cmocka_unit_test(test_pictures)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

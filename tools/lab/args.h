@@ -34,6 +34,7 @@ typedef struct {
   const char *viewer, *crop; // export
   const char *method, *motion, *camera, *prior, *init, *background, *loss, *mask, *mask_with, *masks, *noise,
       *antialias, *optimizer, *appearance;
+  bool is_opened; // of train: --open
   bool is_noise_on_prediction;
   const char *plan; // of tables, like the next two
   bool is_collected, is_sub_views;

@@ -12,6 +12,7 @@
 #include "tools/import/find.h"
 #include "tools/train/appearance.h"
 #include "tools/train/evaluate.h"
+#include "tools/train/open.h"
 #include "tools/train/measured.h"
 #include "tools/train/noise.h"
 #include "tools/train/plan.h"
@@ -547,6 +548,7 @@ int lab_cmd_train(const lab_options *given) {
   if (s == SV_OK) s = stages(r, &err);
   sv_linux_console_finish(&r->session.lines);
   if (s == SV_OK) s = print(r, &err);
+  if (s == SV_OK && o->is_opened) s = lab_open_model(&r->session, o, &err);
   if (s != SV_OK) code = lab_failed(&r->session, &err);
   lab_session_stop(&r->session);
   free(r->start.points);
