@@ -104,29 +104,40 @@ static double usual_residual2(const sv_bundle *b) {
   return n ? sum / n : 0;
 }
 
-// A point that moves, or slides along an edge, fits the rig's motion worse than others do in all of
-// its observations.
-static bool is_moving(const sv_bundle *b, int i, double usual2) {
+// Mean squared residual of all observations of a point.
+static double mean_residual2(const sv_bundle *b, int i) {
   const int n = b->first[i + 1] - b->first[i];
   double sum = 0;
   for (int k = b->first[i]; k < b->first[i + 1]; k++) {
     const double r2 = residual2(b, i, k);
     sum += r2 < WRONG_PX * WRONG_PX ? r2 : WRONG_PX * WRONG_PX;
   }
-  return sum > MOVING * usual2 * n;
+  return sum / n;
+}
+
+// A point that moves, or slides along an edge, fits the rig's motion worse than others do in all of
+// its observations. Returns the mean squared residual above which a point is taken for such a one:
+// as low as leaves enough others.
+static double moving_limit(const sv_bundle *b, int n_enough) {
+  double limit = MOVING * usual_residual2(b);
+  for (int n_kept = 0; limit < WRONG_PX * WRONG_PX; limit *= 1.5, n_kept = 0) {
+    for (int i = 0; i < b->n_points; i++) n_kept += mean_residual2(b, i) <= limit;
+    if (n_kept >= n_enough) break;
+  }
+  return limit;
 }
 
 // Takes the results over; observations that do not fit are given up, those of points that move
 // all, and points that keep fewer than two.
 static void take_back(sv_tracker *t, int first) {
   sv_bundle *b = &t->bundle;
-  const double usual2 = usual_residual2(b);
+  const double limit = moving_limit(b, t->cfg.n_features / 2);
   for (int i = 0; i < b->n_poses; i++) t->pose[first + i] = b->pose[i];
   sv_track_find_motion(t, first, b->n_poses);
   for (int i = 0; i < t->n_views; i++) t->cam[i].cam_from_rig = b->camera[i].cam_from_rig;
   for (int i = 0; i < b->n_points; i++) {
     sv_track_point *p = &t->point[t->bundle_point[i]];
-    const bool is_off = is_moving(b, i, usual2);
+    const bool is_off = mean_residual2(b, i) > limit;
     int n_good = 0;
     memcpy(p->x, b->point[i], sizeof p->x);
     for (int k = b->first[i]; k < b->first[i + 1]; k++) {

@@ -12,7 +12,7 @@
 
 #define PAGE_N        8
 #define PAGE_FLOATS   SV_GAUSSIAN_N_FLOATS(1)
-#define PAGE_CAP_FEED (12u << 20)
+#define PAGE_CAP_FEED (24u << 20)
 
 static _Alignas(64) uint8_t page_block[PAGE_CAP_FEED];
 static size_t page_bytes;

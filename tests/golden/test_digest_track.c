@@ -7,7 +7,7 @@
 #include "tests/common/test.h"
 
 #define N           5
-#define GOLDEN      0x512a2ac5c4da97bdull
+#define GOLDEN      0xad8c75f31738c70full
 #define SPEC        "textured,rig=stereo,path=handheld,arc=40,size=224x168,noise=read:1e-5:shot:1e-3,exposures=20"
 #define CAMERA_SIZE (224 * 168 * 3)
 
