@@ -68,7 +68,7 @@ TEST(in_turns_on_the_virtual_clock) {
   assert_true(has_live_line("capture  ", " | right 30.0 fps "));
   assert_true(
       // the cameras, while it trains
-      has_live_line("train  ", " | left 30.0 fps +0.000 ms dropped "));
+      has_live_line("train [", " | left 30.0 fps +0.000 ms dropped "));
   check_views();
   world_close(&w);
 }
