@@ -346,7 +346,7 @@ async function see_frames(look) {
   try {
     await model.sequence.load(look.time);
   } catch (e) {
-    (model.sequence = null), (model.moving = 0); // what is there stays
+    (model.sequence = null), (model.moving = 0); // the base model stays
   }
   if (m === model) see(look);
 }
