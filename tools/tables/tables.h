@@ -185,8 +185,8 @@ sv_status tables_real(tables *t, sv_err *err) SV_MUST_USE;
 // That of a sensor without held-out views: OUT/tables.md and OUT/sensor.csv (sensor.c).
 sv_status tables_sensor(tables *t, sv_err *err) SV_MUST_USE;
 // All jobs of a table that is not of tables_plan's form: with --plan their lines are written, with
-// --collect nothing is run. look(of, f, &n_done) reads the finished runs, and writes the lines of the
-// others to f unless it is NULL.
+// --collect nothing is run. look(of, f, &n_done) reads the finished runs, and writes the lines of
+// the others to f unless it is NULL.
 typedef sv_status tables_look_fn(void *of, FILE *f, int *n_done, sv_err *err);
 sv_status tables_make_jobs(tables *t, tables_look_fn *look, void *of, int n, sv_err *err) SV_MUST_USE;
 
