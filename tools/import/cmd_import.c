@@ -96,6 +96,7 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
               o->out);
     return s;
   }
+  if (sv_str_eq(o->from, "multicam")) return lab_import_multicam(o, se, err);
   if (sv_str_eq(o->from, "lightfield-release")) return lab_import_release(o, se, err);
   lab_import im = {0};
   sv_status s = sv_str_eq(o->from, "vggt")      ? lab_import_vggt(&im, o, err)
@@ -122,9 +123,12 @@ int lab_cmd_import(const lab_options *o) {
   int code = LAB_EXIT_OK;
   bool has_stream = sv_str_eq(o->from, "colmap") || sv_str_eq(o->from, "nerfstudio") ||
                     sv_str_eq(o->from, "blender") || is_network(o);
-  if (!o->rig != !o->stream || (o->unit_m > 0 && !o->rig))
+  const bool is_multicam = sv_str_eq(o->from, "multicam");
+  if ((o->clock || o->every_s > 0) && !is_multicam)
+    return lab_usage("import", "--clock and --every need --from multicam");
+  if (is_multicam ? o->stream || o->unit_m > 0 : !o->rig != !o->stream || (o->unit_m > 0 && !o->rig))
     return lab_usage("import", "--rig and --stream must be given together; --unit needs both");
-  if (o->rig && !has_stream)
+  if (o->rig && !has_stream && !is_multicam)
     return lab_usage("import",
                      "--rig and --stream need --from colmap, nerfstudio, blender, vggt, megasam or dust3r");
   if (o->images && !is_network(o))

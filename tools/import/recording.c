@@ -81,6 +81,7 @@ static int take_pictures(const sv_import_job *job, const sv_import_camera *c, pi
   const char *src = job->src_dir, *out = job->out_dir;
   const sv_console *con = &job->console;
   char from[CAP_PATH], to[CAP_PATH];
+  if (c->is_made) src = out;
   snprintf(from, sizeof from, "%s/%s", src, c->name);
   *p = (pictures_t){0};
   p->n = scandir(from, &p->names, is_picture, alphasort);
@@ -104,7 +105,7 @@ static int take_pictures(const sv_import_job *job, const sv_import_camera *c, pi
     } else if (s == SV_OK && (w != p->width_px || h != p->height_px))
       s = sv_fail(err, SV_E_FORMAT, "%s: %dx%d, but the camera's first image is %dx%d", from, w, h,
                   p->width_px, p->height_px);
-    if (s == SV_OK) s = copy_file(from, to, err);
+    if (s == SV_OK && !c->is_made) s = copy_file(from, to, err);
   }
   return s;
 }
@@ -124,13 +125,15 @@ static int put_model(const char *out, const sv_import_camera *c, int w, int h, s
   snprintf(path, sizeof path, "%s/rig/%s.cameramodel", out, c->name);
   FILE *f = sv_stream_open(path, err);
   if (!f) return SV_E_IO;
-  fprintf(f, "{\n    'lensmodel':  'LENSMODEL_OPENCV5',\n");
+  const bool is_rational = d[5] != 0 || d[6] != 0 || d[7] != 0;
+  fprintf(f, "{\n    'lensmodel':  'LENSMODEL_OPENCV%d',\n", is_rational ? 8 : 5);
   fprintf(f, "    'extrinsics': [ %.12g, %.12g, %.12g, %.12g, %.12g, %.12g ],\n", r[0], r[1], r[2], t[0],
           t[1], t[2]);
   // A pixel's center at integer i covers i-0.5..i+0.5: scaling keeps the edges, not the centers.
-  fprintf(f, "    'intrinsics': [ %.12g, %.12g, %.12g, %.12g, %.12g, %.12g, %.12g, %.12g, %.12g ],\n",
-          c->fx * kx, c->fy * ky, (c->cx + 0.5) * kx - 0.5, (c->cy + 0.5) * ky - 0.5, d[0], d[1], d[2], d[3],
-          d[4]);
+  fprintf(f, "    'intrinsics': [ %.12g, %.12g, %.12g, %.12g", c->fx * kx, c->fy * ky,
+          (c->cx + 0.5) * kx - 0.5, (c->cy + 0.5) * ky - 0.5);
+  for (int i = 0; i < (is_rational ? 8 : 5); i++) fprintf(f, ", %.12g", d[i]);
+  fprintf(f, " ],\n");
   fprintf(f, "    'imagersize': [ %d, %d ]\n}\n", w, h);
   return sv_stream_save(f, err);
 }
@@ -152,6 +155,7 @@ static int put_rig(const char *out, const char *name, const sv_import_camera *ca
 static void put_camera(FILE *f, const sv_import_camera *c, const pictures_t *p, double fps, const char *end) {
   fprintf(f, "{\"name\":\"%s\",\"folder\":\"%s\",\"width\":%d,\"height\":%d,\"fps\":%.9g,", c->name, c->name,
           p->width_px, p->height_px, fps);
+  if (*c->depth) fprintf(f, "\"depth\":\"%s\",\"depth_unit_m\":%.9g,", c->depth, c->depth_unit_m);
   fprintf(f, "\"clock\":\"monotonic\",\"stamp\":\"start\",\"frames\":[\n");
   for (int i = 0; i < p->n; i++)
     fprintf(f,
@@ -172,18 +176,23 @@ static int write_all(const sv_import_job *job, const recording *r, pictures_t *p
   sv_import_camera *cams = r->cams;
   const int n = r->n;
   char path[CAP_PATH];
+  const bool has_rig = cams[0].fx > 0;
   snprintf(path, sizeof path, "%s/rig", out);
-  int s = sv_linux_make_dir(path, err);
+  int s = has_rig ? sv_linux_make_dir(path, err) : SV_OK;
   for (int i = 0; i < n && s == SV_OK; i++) {
     s = take_pictures(job, &cams[i], &pics[i], err);
-    if (s == SV_OK) s = put_model(out, &cams[i], pics[i].width_px, pics[i].height_px, err);
+    if (s == SV_OK && has_rig) s = put_model(out, &cams[i], pics[i].width_px, pics[i].height_px, err);
   }
-  if (s == SV_OK) s = put_rig(out, r->name, cams, n, err);
+  if (s == SV_OK && has_rig) s = put_rig(out, r->name, cams, n, err);
   if (s < 0) return s;
   snprintf(path, sizeof path, "%s/capture.json", out);
   FILE *f = sv_stream_open(path, err);
   if (!f) return SV_E_IO;
-  fprintf(f, "{\n\"version\":1,\n\"name\":\"%s\",\n\"rig\":\"rig\",\n\"cameras\":[\n", r->name);
+  // A rig of the user's may be there, too.
+  snprintf(path, sizeof path, "%s/rig/rig.json", out);
+  fprintf(f, "{\n\"version\":1,\n\"name\":\"%s\",\n", r->name);
+  if (sv_path_exists(path)) fprintf(f, "\"rig\":\"rig\",\n");
+  fprintf(f, "\"cameras\":[\n");
   for (int i = 0; i < n; i++) put_camera(f, &cams[i], &pics[i], r->fps, i + 1 < n ? "," : "");
   fprintf(f, "],\n\"poses\":[\n]\n}\n");
   return sv_stream_save(f, err);
@@ -201,6 +210,23 @@ static int check_out(const sv_import_job *job, sv_err *err) {
   return sv_path_exists(path)
              ? sv_fail(err, SV_E_IO, "%s: contains an unfinished capture; choose another --out", job->out_dir)
              : SV_OK;
+}
+
+int sv_import_begin(const sv_import_job *job, sv_err *err) {
+  int s = check_out(job, err);
+  return s == SV_OK ? sv_linux_make_dir(job->out_dir, err) : s;
+}
+
+void sv_import_name(char out[48], const char *file) {
+  const char *name = sv_path_name(file);
+  size_t n = strlen(name) - strlen(sv_path_extension(name));
+  if (n > 31) n = 31; // as sub-views have room for
+  for (size_t i = 0; i < n; i++) {
+    const char c = name[i];
+    const bool is_plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
+    out[i] = is_plain || c == '-' || c == '_' ? c : '_';
+  }
+  out[n] = 0;
 }
 
 int sv_import_write(const sv_import_job *job, const char *name, double fps, sv_import_camera *cams, int n,

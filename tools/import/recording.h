@@ -6,6 +6,8 @@
 #ifndef SV_TOOLS_IMPORT_RECORDING_H
 #define SV_TOOLS_IMPORT_RECORDING_H
 
+#include <stdbool.h>
+
 #include "src/base/status.h"
 #include "src/base/time.h"
 #include "src/base/vec.h"
@@ -37,17 +39,26 @@ int sv_import_qca(const sv_import_job *job, sv_err *err) SV_MUST_USE;
 typedef struct {
   char name[48];
   int calib_width_px, calib_height_px; // the size the intrinsics are for
-  double fx, fy, cx, cy, dist[5];      // OpenCV: k1 k2 p1 p2 k3; pixel centers at integers
+  double fx, fy, cx, cy, dist[8];      // OpenCV: k1 k2 p1 p2 k3 k4 k5 k6; pixel centers at integers
   sv_pose cam_from_world;              // meters
   int n_times;
   sv_ns *times_ns; // [n_times] in order; made with malloc, freed by sv_import_write
+  bool is_made;    // its images were written to OUT/<name>/ already
+  // Its depth images, OUT/<depth>/ with the names of its images; empty: it has none.
+  char depth[64];
+  double depth_unit_m;
 } sv_import_camera;
 
 // Writes the capture: images are SRC/<name>/*.jpg in order of their names, as many as there are
 // times (a difference is an error). Intrinsics are scaled to the images' size. Checks that each
-// rotation is one and that the aspect ratio agrees.
+// rotation is one and that the aspect ratio agrees. Without intrinsics (fx is 0 of the first
+// camera) the capture has no rig.
 int sv_import_write(const sv_import_job *job, const char *name, double fps, sv_import_camera *cams,
                     int n_cameras, sv_err *err) SV_MUST_USE;
+// Makes OUT and refuses one that is the input or holds an unfinished capture.
+int sv_import_begin(const sv_import_job *job, sv_err *err) SV_MUST_USE;
+// A camera's name of a file's name: letters, digits, '-' and '_', without the extension.
+void sv_import_name(char out[48], const char *file);
 
 // A whole text file, terminated, made with malloc; NULL with a sentence when it cannot be read.
 char *sv_import_text(const char *dir, const char *file, sv_err *err);

@@ -194,10 +194,16 @@ static const sv_option table[] = {
     {"spz-version", SV_OPT_INT, LAB_EXPORT, 0, AT(spz_version), "N",
      "spz: 4 (zstd, newest), 3 or 2 (gzip, older viewers) (4)", 2, 4, 0},
     {"from", SV_OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from),
-     "colmap|nerfstudio|blender|vggt|megasam|dust3r|capture|lenslet|lytro|lightfield-release|4cam-board|qca|"
-     "kalibr|"
-     "sim",
+     "colmap|nerfstudio|blender|vggt|megasam|dust3r|capture|multicam|lenslet|lytro|lightfield-release|"
+     "4cam-board|qca|kalibr|sim",
      "kind of the input (kalibr, dust3r: a file; vggt, megasam: a folder or .npz)", 0, 0, 0},
+    {"every", SV_OPT_REAL, LAB_IMPORT, 0, AT(every_s), "SEC",
+     "multicam: keep one exposure in so many seconds (all)", 0.001, 1e6, 0},
+    {"clock", SV_OPT_WORD, LAB_IMPORT, 0, AT(clock), "auto|sound|flash|container",
+     "multicam: what tells the clips' common time: sound, changes of the light, creation times; auto: the "
+     "first "
+     "of these that does (auto)",
+     0, 0, 0},
     {"keep", SV_OPT_INT, LAB_IMPORT, 0, AT(keep), "K",
      "lenslet, lytro: keep the K x K inner sub-views (7 of 10 per side)", 1, 16, 0},
     {"baseline", SV_OPT_REAL, LAB_IMPORT, 0, AT(baseline_m), "M",
@@ -209,8 +215,9 @@ static const sv_option table[] = {
     {"white", SV_OPT_TEXT, LAB_IMPORT, 0, AT(white), "DIR",
      "lytro: the camera's white images MOD_*.TXT and MOD_*.RAW (white/ in the folder)", 0, 0, 0},
     {"rig", SV_OPT_TEXT, LAB_IMPORT, 0, AT(rig), "DIR",
-     "not for lenslet and capture: the poses are those of one camera of this rig; add all its sub-views", 0,
-     0, 0},
+     "not for lenslet and capture: the poses are those of one camera of this rig; add all its sub-views; "
+     "multicam: the capture's rig",
+     0, 0, 0},
     {"images", SV_OPT_TEXT, LAB_IMPORT, 0, AT(images), "DIR",
      "vggt, megasam, dust3r: the pictures that the network saw, in order of their names (images/ beside the "
      "file)",
@@ -271,8 +278,8 @@ static int check_compare(const sv_tool_command *c, const lab_options *o) {
 // What no row can say for itself.
 static int check_together(const sv_tool_command *c, const lab_options *o) {
   bool has_optics = o->keep >= 0 || o->baseline_m >= 0 || o->focal_px >= 0 || o->focus_m >= 0;
-  if (has_optics && strcmp(o->from, "lenslet") != 0)
-    return lab_usage(c->name, "--keep, --baseline, --focal and --focus need --from lenslet");
+  if (has_optics && strcmp(o->from, "lenslet") != 0 && strcmp(o->from, "lytro") != 0)
+    return lab_usage(c->name, "--keep, --baseline, --focal and --focus need --from lenslet or lytro");
   if (o->steps >= 0 && o->time_limit_s >= 0)
     return lab_usage(c->name, "--steps and --time-limit cannot be combined");
   if (o->mask_with && !o->mask) return lab_usage(c->name, "--mask-with needs --mask");
@@ -398,6 +405,7 @@ int lab_args_parse(const sv_tool_command *c, int argc, char **argv, lab_options 
                      .n_views = -1,
                      .width_px = -1,
                      .keep = -1,
+                     .every_s = -1,
                      .spz_version = -1,
                      .voxel = -1,
                      .view = -1,

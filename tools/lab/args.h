@@ -42,11 +42,13 @@ typedef struct {
   long exposures, gaussians, sh, steps, scale, seed, threads, orbit, frames, keep, spz_version;
   double time_limit_s, baseline_m, focal_px, focus_m;
   const char *rig, *stream;
-  const char *refine, *free_lenses, *images, *white; // of import
-  const char *film;                                  // of render
-  double unit_m;                                     // 0: not given
-  double distance_m;                                 // of info
-  double voxel;                                      // of mesh
+  const char *refine, *free_lenses, *images, *white; // of import, like the next two
+  const char *clock;
+  double every_s;    // below 0: not given
+  const char *film;  // of render
+  double unit_m;     // 0: not given
+  double distance_m; // of info
+  double voxel;      // of mesh
   const char *measure_from, *measure_to;
   long view;             // of measure
   long faces;            // of mesh; 0: all

@@ -91,7 +91,10 @@ static const lab_command commands[] = {
     {{"import", "--from KIND DIR --out DIR [options]", "convert other data to a dataset",
       "Converts DIR to a dataset that train reads (transforms.json, images/, and points3d.ply if there are "
       "points):\n  colmap            text or binary model, also in sparse/0\n  nerfstudio, blender  "
-      "transforms JSON\n  capture           a capture folder with its rig\n  lenslet           raw images of "
+      "transforms JSON\n  capture           a capture folder with its rig\n  multicam          a folder of "
+      "clips "
+      "(.mp4, .mov, ...), one a camera, to a capture folder on one clock, by ffmpeg\n  lenslet           raw "
+      "images of "
       "a sensor behind a microlens array, and white.png of an evenly lit field;\n                    pixel "
       "values are kept; the rig is also written to rig/\n  4cam-board, qca   recordings with "
       "camera_array.toml or a Qualisys calibration, to a capture folder with a rig\n  kalibr            a "

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+// Clips of several cameras -> capture folders: which frames are one exposure, and their pictures.
+#ifndef SV_TOOLS_IMPORT_CLIPS_H
+#define SV_TOOLS_IMPORT_CLIPS_H
+
+#include "tools/import/media.h"
+#include "tools/import/recording.h"
+#include "tools/lab/lab.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct {
+  lab_media_stream stream;
+  lab_media_frames frames;
+  double offset_s; // its time plus this is the common time
+  int *kept;       // [n_exposures] the frame of each exposure
+} lab_clip;
+
+typedef struct {
+  lab_clip *clips; // [n]
+  int n, n_exposures;
+  double max_skew_s, fps; // of the exposures
+} lab_clips;
+
+// Exposures are the frames of the slowest clip, at least every_s apart, with the nearest frame of
+// each other clip, which must be less than half of its period away. Fills `kept`. E_NOT_FOUND: the
+// clips have no time in common.
+sv_status lab_clips_pair(lab_clips *c, double every_s, sv_err *err) SV_MUST_USE;
+// Pictures of the exposures as OUT/<camera>/000000.png, and their times in the cameras [n], whose
+// names are given. Earlier pictures of these folders are removed.
+sv_status lab_clips_write(const sv_import_job *job, const lab_clips *c, sv_import_camera *cams,
+                          sv_err *err) SV_MUST_USE;
+void lab_clips_free(lab_clips *c);
+
+// Makes OUT/<folder> and removes the pictures in it.
+sv_status lab_clips_clear(const sv_import_job *job, const char *folder, sv_err *err) SV_MUST_USE;
+
+#ifdef __cplusplus
+}
+#endif
+#endif
