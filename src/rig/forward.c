@@ -113,9 +113,9 @@ typedef struct {
   const sv_multiplexed *c;
   const sv_crop *crop;
   const sv_planes *rgb, *g;
-  const float *err;
+  const float *trans, *err;
   sv_planes *out;
-  float *out_err;
+  float *out_err, *out_trans;
   int n_rows;
 } job;
 
@@ -158,6 +158,11 @@ static void add_task(void *arg, int i_task, int i_thread) {
         j->f->compute.k->srgb_to_linear(&(sv_curve_args){.src = src, .dst = linear, .n = w});
         src = linear;
       }
+      if (j->trans) {
+        const float *trans = j->trans + (size_t)y * (size_t)j->rgb->stride, back = j->f->backdrop[k];
+        for (int x = 0; x < w; x++) linear[x] = fmaf(back, trans[x], src[x]);
+        src = linear;
+      }
       if (cover)
         for (int x = 0; x < w; x++) sum[x] += (float)cover[x] * (1.0f / 255.0f) * src[x];
       else
@@ -166,8 +171,10 @@ static void add_task(void *arg, int i_task, int i_thread) {
   }
 }
 
-void sv_forward_add(sv_forward *f, const sv_multiplexed *c, const sv_crop *crop, const sv_planes *rgb) {
-  run_rows(f, add_task, &(job){.f = f, .c = c, .crop = crop, .rgb = rgb, .n_rows = crop->view.height_px});
+void sv_forward_add(sv_forward *f, const sv_multiplexed *c, const sv_crop *crop, const sv_planes *rgb,
+                    const float *trans) {
+  run_rows(f, add_task,
+           &(job){.f = f, .c = c, .crop = crop, .rgb = rgb, .trans = trans, .n_rows = crop->view.height_px});
 }
 
 // One row of one colour: value -> noisy value, slope times its derivative.
@@ -214,6 +221,15 @@ void sv_forward_finish(sv_forward *f, const sv_multiplexed *c) {
 
 // --- adjoint -------------------------------------------------------------------------------------
 
+// Of one colour, from the gradient of its light.
+static void add_trans(const job *j, int y, int k, const float *g_light) {
+  const int w = j->crop->view.width_px, stride = j->out->stride;
+  const float back = j->f->backdrop[k];
+  float *out = j->out_trans + (size_t)y * (size_t)stride;
+  if (k == 0) memset(out, 0, (size_t)stride * sizeof *out);
+  for (int x = 0; x < w; x++) out[x] = fmaf(back, g_light[x], out[x]);
+}
+
 static void bwd_row(const job *j, int y, float *scratch) {
   const sv_crop *crop = j->crop;
   const int w = crop->view.width_px, stride = j->out->stride;
@@ -226,6 +242,7 @@ static void bwd_row(const job *j, int y, float *scratch) {
     for (int x = 0; x < w; x++) out[x] = g[x] * per_sum[x];
     if (cover)
       for (int x = 0; x < w; x++) out[x] *= (float)cover[x] * (1.0f / 255.0f);
+    if (j->out_trans) add_trans(j, y, k, out);
     if (j->c->is_linear) {
       const float *rgb = j->rgb->c[k] + (size_t)y * (size_t)j->rgb->stride;
       j->f->compute.k->srgb_to_linear(&(sv_curve_args){.src = rgb, .dst = scratch, .slope = slope, .n = w});
@@ -251,6 +268,7 @@ static void bwd_task(void *arg, int i_task, int i_thread) {
     }
     for (int k = 0; k < 3; k++) memset(j->out->c[k] + at, 0, bytes);
     if (j->err) memset(j->out_err + at, 0, bytes);
+    if (j->out_trans) memset(j->out_trans + at, 0, bytes);
   }
 }
 
@@ -267,5 +285,6 @@ void sv_forward_bwd(const sv_forward *f, const sv_multiplexed *c, const sv_crop 
                   .err = grad->err,
                   .out = out,
                   .out_err = grad->rgb_err,
+                  .out_trans = grad->trans,
                   .n_rows = out->rows_padded});
 }

@@ -15,6 +15,12 @@
 // measurement's encoding, y + (read + shot y) n with fresh n ~ N(0, 1), rounded to 14 bits.
 // Gradients pass through it unchanged.
 //
+// A measurement that was computed may be known over other backgrounds, too, by the sum of what its
+// lenses see through, sum_m w_m (1 - alpha_m). A background's light, times the transmittance T_m of
+// each rendering, is then added to the sum:
+//   s(x) = sum_m w_m(x) (decode(I_m(x)) + backdrop T_m(x))
+//   dL/dT_m(x) = w_m(x) / M_max encode'(s(x)) backdrop . dL/dy(x)
+//
 // Work is done per region of the sensor: only the parts of lens images inside it are rendered, so
 // cost and memory depend on the region and the overlap, not on the number of lenses.
 #ifndef SV_RIG_FORWARD_H
@@ -82,16 +88,20 @@ typedef struct {
   sv_planes sum;          // weighted sum; after finish: encode'(s) / M_max
   sv_planes predicted;    // the measurement, set by finish
   sv_forward_noise noise; // the caller's; off after init
-  float *scratch;         // [n_threads][2][cap stride]
+  // Light of a background beside that of the renderings, R G B. The caller's; 0 after init.
+  float backdrop[3];
+  float *scratch; // [n_threads][2][cap stride]
 } sv_forward;
 
 size_t sv_forward_bytes(const sv_forward_cfg *cfg);
 sv_status sv_forward_init(sv_forward *f, const sv_forward_cfg *cfg, sv_compute compute,
                           sv_arena *arena) SV_MUST_USE;
 
-// begin, add for each crop, finish: fills f->predicted. rgb is the crop's rendering.
+// begin, add for each crop, finish: fills f->predicted. rgb is the crop's rendering, trans its
+// transmittance with rgb's stride; NULL without a backdrop.
 sv_status sv_forward_begin(sv_forward *f, const sv_region *region) SV_MUST_USE;
-void sv_forward_add(sv_forward *f, const sv_multiplexed *c, const sv_crop *crop, const sv_planes *rgb);
+void sv_forward_add(sv_forward *f, const sv_multiplexed *c, const sv_crop *crop, const sv_planes *rgb,
+                    const float *trans);
 void sv_forward_finish(sv_forward *f, const sv_multiplexed *c);
 
 // Gradients of a region and of one of its crops. The errors may be NULL together.
@@ -100,6 +110,7 @@ typedef struct {
   const float *err;           // a weight per pixel of the region
   sv_planes *rgb;             // out: dL/drgb
   float *rgb_err;             // out: the crop's share of err
+  float *trans;               // out: dL/dtrans, of a backdrop; or NULL
 } sv_forward_grad;
 // After finish. The outputs have the rendering's stride and zero padding.
 void sv_forward_bwd(const sv_forward *f, const sv_multiplexed *c, const sv_crop *crop, const sv_planes *rgb,

@@ -88,6 +88,7 @@ static sv_status carve_sum(sv_trainer *t, const sv_train_cfg *c, size_t cap, siz
   for (int k = 0; k < 3; k++) t->part_grad.c[k] = SV_TAKE(a, float, px);
   t->part_err = SV_TAKE(a, float, px);
   if (c->cap_measurements < 1) return SV_OK;
+  t->part_trans = SV_TAKE(a, float, px);
   sv_forward_cfg fc = {
       .cap_width_px = c->region_px, .cap_height_px = c->region_px, .n_threads = c->n_threads};
   return sv_forward_init(&t->forward, &fc, t->compute, a);
@@ -313,6 +314,10 @@ sv_status sv_train_add_measurement(sv_trainer *t, const sv_multiplexed *model, c
   t->n_regions += n;
   t->i_order = 0;
   return SV_OK;
+}
+
+void sv_train_set_clear(sv_trainer *t, const uint16_t *clear) {
+  t->measurements[t->n_measurements - 1].clear = clear;
 }
 
 void sv_train_set_scene(sv_trainer *t, const float centre[3], float radius) {

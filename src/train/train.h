@@ -34,7 +34,10 @@ typedef struct {
 typedef struct {
   sv_multiplexed model; // the lenses, too, must live as long as the trainer
   const uint16_t *px;   // [height][width][3] display values of 65535
-  int n_x, n_y;         // regions
+  // [height][width] sum of w (1 - alpha) over the lenses / M_max, of 65535: what they see through.
+  // NULL: not known
+  const uint16_t *clear;
+  int n_x, n_y; // regions
 } sv_train_measurement;
 
 typedef struct {
@@ -94,6 +97,7 @@ struct sv_trainer {
   float *err_plane; // mean |residual| over the channels
   sv_planes part_grad;
   float *part_err;
+  float *part_trans; // of a lens's part, over a random background
   float *unpack_scratch;
   sv_train_view *views;               // [cap_views]
   sv_train_measurement *measurements; // [cap_measurements]
@@ -137,6 +141,9 @@ void sv_train_shift_times(sv_trainer *t, float by);
 // of 65535.
 sv_status sv_train_add_measurement(sv_trainer *t, const sv_multiplexed *model, const uint16_t *px,
                                    sv_err *err) SV_MUST_USE;
+// What the lenses of the last one see through (sv_train_measurement.clear), or NULL: known, it is
+// trained on over random backgrounds.
+void sv_train_set_clear(sv_trainer *t, const uint16_t *clear);
 // Regions of a sensor, whose measurement is not larger than 16384 a side.
 int sv_train_n_regions(int width_px, int height_px, int region_px);
 // The first Gaussians; the scene's centre and radius are taken from init (random) or from the

@@ -77,7 +77,8 @@ typedef struct sv_train_cfg {
   uint64_t seed; // Seed of all random draws. Default 1.
   // What images with alpha are laid over; others are trained over black. Default black.
   sv_background background;
-  // Progress until which images with alpha are laid over random colors whatever `background` is:
+  // Progress until which images with alpha, and measurements of which it is known what their lenses
+  // see through, are laid over random colors whatever `background` is:
   // what one view sees through must not be opaque, in the color of the background. Default 0.
   float random_until;
   // Whether opacities are compensated (Mip-Splatting's 2D filter). Default false.

@@ -113,7 +113,7 @@ static void add_view_pixel(void) {
 
 static void add_lens_pixel(const sv_crop *crop) {
   sv_forward_bwd(&t.forward, &t.measurements[0].model, crop, &t.render.rgb,
-                 &(sv_forward_grad){&t.grad, NULL, &t.part_grad, NULL});
+                 &(sv_forward_grad){&t.grad, NULL, &t.part_grad, NULL, NULL});
   assert_int_equal(sv_render_bwd(&t.render, &t.part_grad, NULL, NULL, NULL), SV_OK);
   add_squares();
 }

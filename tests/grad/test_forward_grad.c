@@ -138,7 +138,7 @@ static void run_forward(const sv_multiplexed *c, const sv_region *r) {
         memcpy(b.rgb[m].c[k] + y * b.rgb[m].stride,
                image[m][k] + (crop->lens_y + y) * c->lenses[m].footprint.width_px + crop->lens_x,
                sizeof(float) * (size_t)crop->view.width_px);
-    sv_forward_add(&b.f, c, crop, &b.rgb[m]);
+    sv_forward_add(&b.f, c, crop, &b.rgb[m], NULL);
   }
   sv_forward_finish(&b.f, c);
 }
@@ -157,7 +157,8 @@ static void run_backward(const sv_multiplexed *c, const sv_region *r, uint64_t s
     // what was there does not matter
     for (int k = 0; k < 3; k++) memset(b.out[m].c[k], 0x7f, bytes);
     memset(b.out_err[m], 0x7f, bytes);
-    sv_forward_bwd(&b.f, c, &b.crop[m], &b.rgb[m], &(sv_forward_grad){&b.g, b.err, &b.out[m], b.out_err[m]});
+    sv_forward_bwd(&b.f, c, &b.crop[m], &b.rgb[m],
+                   &(sv_forward_grad){&b.g, b.err, &b.out[m], b.out_err[m], NULL});
   }
 }
 
@@ -365,7 +366,7 @@ TEST(test_same_bits) {
 #define REGION_PX 32
 
 static sv_trainer t;
-static uint16_t measured[3 * W * H];
+static uint16_t measured[3 * W * H], clear[W * H];
 
 static void open_training(const sv_multiplexed *c, const sv_kernels *k, const sv_pool *pool, float tv) {
   sv_arena a = sv_arena_make(block, sizeof block);
@@ -386,7 +387,8 @@ static void open_training(const sv_multiplexed *c, const sv_kernels *k, const sv
   step_gradient_start(&t, 0.9f, &a);
 }
 
-static void check_training(bool is_linear, float tv) {
+// has_backdrop: over random backgrounds, to which the lenses are open by a half.
+static void check_training(bool is_linear, float tv, bool has_backdrop) {
   sv_kernels k;
   sv_pool pool = sv_pool_serial();
   sv_multiplexed c = make_measurement(is_linear);
@@ -394,10 +396,16 @@ static void check_training(bool is_linear, float tv) {
   char what[80];
   step_gradient_kernels(&k);
   open_training(&c, &k, &pool, tv);
+  if (has_backdrop) {
+    for (int i = 0; i < W * H; i++) clear[i] = 32768;
+    sv_train_set_clear(&t, clear);
+    t.cfg.random_until = 1;
+  }
   int n = t.n_regions;
   assert_int_equal(n, 3 * 3);
   for (int i = 0; i < n; i++) step_gradient_check(&t, &sum);
-  snprintf(what, sizeof what, "region step, %s, tv %g", is_linear ? "light" : "display values", (double)tv);
+  snprintf(what, sizeof what, "region step, %s, tv %g%s", is_linear ? "light" : "display values", (double)tv,
+           has_backdrop ? ", random backgrounds" : "");
   step_gradient_agrees(&sum, what, 300, 500, 10);
 }
 
@@ -407,9 +415,10 @@ TEST(test_training_step) {
     print_message("skip the quotients of whole steps: they take minutes under emulation\n");
     skip();
   }
-  check_training(true, 0);
-  check_training(false, 0);
-  check_training(true, 20.0f);
+  check_training(true, 0, false);
+  check_training(false, 0, false);
+  check_training(true, 20.0f, false);
+  check_training(true, 0, true);
 }
 
 int main(void) {

@@ -59,9 +59,9 @@ static void make_world(world *w) {
 static void predict(world *w, uint32_t key) {
   w->f.noise = (sv_forward_noise){READ, SHOT, key};
   assert_int_equal(sv_forward_begin(&w->f, &w->region), SV_OK);
-  sv_forward_add(&w->f, &w->c, &w->crop, &w->rgb);
+  sv_forward_add(&w->f, &w->c, &w->crop, &w->rgb, NULL);
   sv_forward_finish(&w->f, &w->c);
-  sv_forward_bwd(&w->f, &w->c, &w->crop, &w->rgb, &(sv_forward_grad){&w->g, NULL, &w->out, NULL});
+  sv_forward_bwd(&w->f, &w->c, &w->crop, &w->rgb, &(sv_forward_grad){&w->g, NULL, &w->out, NULL, NULL});
 }
 
 TEST(test_size_rounding_and_derivative) {

@@ -51,6 +51,7 @@ typedef struct {
   double max_overlap;
   int width_px, height_px; // of the sensor
   bool is_linear;
+  bool has_alpha; // each of its lenses has an image of its own, with alpha
 } lab_measurement;
 
 typedef struct {

@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "src/base/mathx.h"
+
 // Where measurements are listed. is_white: those of display values are preferred.
 typedef struct {
   const sv_transforms *t;
@@ -66,6 +68,15 @@ static sv_status load_coverage(lab_frame *f, const char *folder, sv_err *err) {
   return SV_OK;
 }
 
+// Whether the image of a lens is there and tells what it sees through.
+static bool has_alpha(lab_frame *f, const char *folder) {
+  lab_peek peek;
+  sv_err why;
+  if (sv_path_join(f->path, sizeof f->path, folder, f->f.file_path, &why) != SV_OK) return false;
+  return sv_path_exists(f->path) && lab_picture_peek(f->path, &peek, &why) == SV_OK && peek.n_channels == 4 &&
+         peek.width_px == f->f.footprint.width_px && peek.height_px == f->f.footprint.height_px;
+}
+
 sv_status lab_measurements_find(lab_views *v, const sv_transforms *t, const char *folder, bool is_white,
                                 sv_err *err) {
   const listing in = {t, folder, is_white};
@@ -78,7 +89,9 @@ sv_status lab_measurements_find(lab_views *v, const sv_transforms *t, const char
     sv_status s = measurement_of(v, f->f.exposure, &in, &f->i_measurement, err);
     if (s != SV_OK) return s;
     if (f->i_measurement < 0) continue;
-    v->measurements[f->i_measurement].n_lenses++;
+    lab_measurement *m = &v->measurements[f->i_measurement];
+    m->has_alpha = has_alpha(f, folder) && (m->has_alpha || !m->n_lenses);
+    m->n_lenses++;
     s = *f->f.coverage_path ? load_coverage(f, folder, err) : SV_OK;
     if (s != SV_OK) return s;
   }
@@ -104,6 +117,38 @@ sv_status lab_measurement_lenses(const lab_views *v, int i_measurement, sv_lens 
   sv_err why;
   sv_status s = sv_multiplexed_check(model, &why);
   return s == SV_OK ? s : sv_fail(err, s, "%s: %s", m->path, why.text);
+}
+
+// The share of light that a lens leaves on a pixel of its place, 1: all of it.
+static float share_at(const lab_frame *f, size_t at) {
+  return f->coverage ? (float)f->coverage[at] * (1.0f / 255.0f) : 1.0f;
+}
+
+sv_status lab_measurement_clear(const lab_views *v, int i_measurement, uint16_t *dst, sv_err *err) {
+  const lab_measurement *m = &v->measurements[i_measurement];
+  const size_t n_px = (size_t)m->width_px * (size_t)m->height_px;
+  float *sum = calloc(n_px, sizeof *sum);
+  sv_status s = sum ? SV_OK : sv_fail(err, SV_E_NOMEM, "%s: no memory for its alpha", m->path);
+  for (int i = 0; i < v->n && s == SV_OK; i++) {
+    const lab_frame *f = &v->frames[i];
+    const sv_footprint *p = &f->f.footprint;
+    sv_bitmap b;
+    if (f->i_measurement != i_measurement) continue;
+    s = sv_bitmap_read(f->path, &b, err);
+    if (s == SV_OK) s = sv_bitmap_to_8(&b, err);
+    if (s != SV_OK) break;
+    for (int y = 0; y < p->height_px; y++)
+      for (int x = 0; x < p->width_px; x++) {
+        const size_t at = (size_t)y * (size_t)p->width_px + (size_t)x;
+        const float clear = 1.0f - (float)b.u8[4 * at + 3] * (1.0f / 255.0f);
+        sum[(size_t)(p->y0_px + y) * (size_t)m->width_px + (size_t)(p->x0_px + x)] += share_at(f, at) * clear;
+      }
+    sv_bitmap_free(&b);
+  }
+  for (size_t i = 0; i < n_px && s == SV_OK; i++)
+    dst[i] = (uint16_t)(sv_minf(sum[i] / (float)m->max_overlap, 1.0f) * 65535.0f + 0.5f);
+  free(sum);
+  return s;
 }
 
 sv_status lab_measurement_load(const lab_measurement *m, uint16_t *dst, sv_err *err) {

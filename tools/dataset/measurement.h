@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Multiplexed measurements of a dataset: one image of a whole sensor per exposure, and the frames
-// of the transforms file that are its lenses. Their own images, if there are any, are not looked
-// at.
+// of the transforms file that are its lenses. Of their own images, if there are any, the alpha
+// alone is looked at.
 #ifndef SV_TOOLS_DATASET_MEASUREMENT_H
 #define SV_TOOLS_DATASET_MEASUREMENT_H
 
@@ -24,5 +24,9 @@ sv_status lab_measurement_lenses(const lab_views *v, int i_measurement, sv_lens 
                                  sv_err *err) SV_MUST_USE;
 // 8 or 16 bits become display values of 65535; dst[height][width][3].
 sv_status lab_measurement_load(const lab_measurement *m, uint16_t *dst, sv_err *err) SV_MUST_USE;
+// With has_alpha: what its lenses see through, the sum of w (1 - alpha) / M_max, of 65535;
+// dst[height][width].
+sv_status lab_measurement_clear(const lab_views *v, int i_measurement, uint16_t *dst,
+                                sv_err *err) SV_MUST_USE;
 
 #endif

@@ -213,6 +213,7 @@ static sv_status add_measurements(run *r, sv_err *err) {
     sv_status s = lab_measurement_lenses(&r->views, i, lenses, &model, err);
     if (s == SV_OK) s = sv_train_add_measurement(&r->plan.trainer, &model, r->plan.measurements[i], err);
     if (s != SV_OK) return s;
+    sv_train_set_clear(&r->plan.trainer, r->plan.clear[i]);
     lenses += m->n_lenses;
   }
   return SV_OK;
@@ -220,8 +221,10 @@ static sv_status add_measurements(run *r, sv_err *err) {
 
 static sv_status load_pictures(run *r, sv_err *err) {
   sv_status s = lab_pictures_load(&r->views, r->plan.pictures, r->plan.masks, &r->session.pool, err);
-  for (int i = 0; s == SV_OK && i < r->views.n_measurements; i++)
+  for (int i = 0; s == SV_OK && i < r->views.n_measurements; i++) {
     s = lab_measurement_load(&r->views.measurements[i], r->plan.measurements[i], err);
+    if (s == SV_OK && r->plan.clear[i]) s = lab_measurement_clear(&r->views, i, r->plan.clear[i], err);
+  }
   return s == SV_OK ? add_noise(r, err) : s;
 }
 

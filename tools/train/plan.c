@@ -15,6 +15,11 @@ static size_t mask_bytes(const lab_frame *f) {
   return f->is_masked ? (size_t)f->view.width_px * (size_t)f->view.height_px : 0;
 }
 
+// Of what its lenses see through; 0 where that is not known.
+static size_t clear_values(const lab_measurement *m) {
+  return m->has_alpha ? (size_t)m->width_px * (size_t)m->height_px : 0;
+}
+
 static size_t total_bytes(const lab_views *v, const sv_train_cfg *cfg, const lab_plan_extras *x) {
   size_t n = SV_ARENA_ALIGN + 2 * padded((size_t)v->n * sizeof(uint8_t *));
   for (int i = 0; i < v->n; i++)
@@ -22,7 +27,10 @@ static size_t total_bytes(const lab_views *v, const sv_train_cfg *cfg, const lab
       n += padded(lab_frame_bytes(&v->frames[i])) + padded(mask_bytes(&v->frames[i]));
   n += padded((size_t)v->n_measurements * sizeof(uint16_t *));
   n += v->n_measurements ? padded((size_t)v->n * sizeof(sv_lens)) : 0;
-  for (int i = 0; i < v->n_measurements; i++) n += padded(2 * lab_measurement_values(&v->measurements[i]));
+  n += padded((size_t)v->n_measurements * sizeof(uint16_t *));
+  for (int i = 0; i < v->n_measurements; i++)
+    n += padded(2 * lab_measurement_values(&v->measurements[i])) +
+         padded(2 * clear_values(&v->measurements[i]));
   return n + sv_trainer_bytes(cfg) + sv_dynamic_bytes(&x->dynamic, cfg) + sv_prior_bytes(&x->prior, cfg) +
          padded(sv_driver_scratch_bytes(cfg, x->n_points));
 }
@@ -41,6 +49,10 @@ static sv_status carve(lab_plan *p, lab_session *s, const lab_views *v, const sv
   p->lenses = v->n_measurements ? SV_TAKE(&p->arena, sv_lens, v->n) : NULL;
   for (int i = 0; p->measurements && i < v->n_measurements; i++)
     p->measurements[i] = SV_TAKE(&p->arena, uint16_t, lab_measurement_values(&v->measurements[i]));
+  p->clear = SV_TAKE(&p->arena, uint16_t *, v->n_measurements);
+  for (int i = 0; p->clear && i < v->n_measurements; i++)
+    p->clear[i] =
+        v->measurements[i].has_alpha ? SV_TAKE(&p->arena, uint16_t, clear_values(&v->measurements[i])) : NULL;
   sv_arena_part_begin(&p->arena, "start");
   p->scratch = sv_arena_sub(&p->arena, sv_driver_scratch_bytes(cfg, x->n_points));
   if (p->arena.status < 0)

@@ -24,6 +24,7 @@ typedef struct {
   uint8_t **pictures;      // [n views], into the arena; NULL for lenses of a measurement
   uint8_t **masks;         // [n views] of views that have one, else NULL
   uint16_t **measurements; // [n measurements], the same
+  uint16_t **clear;        // [n measurements] what the lenses see through; NULL: not known
   sv_lens *lenses;         // [n views] those of all measurements, one after the other
   sv_arena scratch;        // for the start
 } lab_plan;
