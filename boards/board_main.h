@@ -73,8 +73,10 @@ typedef struct {
     sv_libcamera *libcamera;
   } u;
   sv_tiled tiled;
-  sv_pulses pulses;     // of an external trigger
-  sv_trigger trigger;   // what the source string says of it
+  sv_pulses pulses;   // of an external trigger
+  sv_trigger trigger; // what the source string says of it
+  // of each camera of the source inside of tiles, by the rig's photometric calibration; else 1
+  float response[SV_CAMERA_CAP_CAMERAS];
   sv_rig rig_read;      // from files, or assumed
   const sv_rig *rig;    // NULL: none, and none was needed
   sv_camera_caps *caps; // [n_cameras]

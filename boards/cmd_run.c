@@ -211,7 +211,7 @@ static sv_status heldout_psnr(double *psnr, int *n_views) {
     reduce_truth(&v);
     if (odo->is_tracked) v = sv_odometry_view(&q, &v); // where that is in the world that was found
     // The truth is that of normal light.
-    const float light = run.app.exposures.white / (float)run.src.u.sim.cfg.optics.light;
+    const float light = run.app.exposures.white / sv_sim_light(&run.src.u.sim);
     sv_status s = sv_driver_lit_mse(&run.app.trainer, &v, light, run.small_truth, &mse);
     if (s < 0) return s;
     *psnr += sv_psnr_of_mse(mse) / SV_SIM_N_HELDOUT;

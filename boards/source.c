@@ -26,6 +26,7 @@ static sv_status open_sim(board_source *s, const char *spec, int n_exposures, sv
   if (r < 0) return r;
   // Unless told otherwise, the rig's round has one stop for each exposure.
   if (n_exposures > 0 && !strstr(spec, "exposures=")) cfg.n_exposures = n_exposures;
+  cfg.response = s->response;
   r = sv_sim_init(&s->u.sim, &cfg, arena, err);
   if (r < 0) return r;
   s->source = sv_sim_source(&s->u.sim);
@@ -105,6 +106,7 @@ static sv_status open_v4l2(board_source *s, const char *spec, sv_arena *arena, s
   s->clock = sv_linux_clock();
   sv_status r = sv_camera_parse("v4l2", spec, &o, err);
   if (r >= 0) use_trigger(s, &o);
+  o.response = s->response;
   if (r >= 0) r = sv_v4l2_init(&s->u.v4l2, &o, &sys, &s->clock, arena, err);
   if (r >= 0) s->source = sv_v4l2_source(&s->u.v4l2);
   return r;
@@ -115,6 +117,7 @@ static sv_status open_libcamera(board_source *s, const char *spec, sv_err *err) 
   s->clock = sv_linux_clock();
   sv_status r = sv_camera_parse("libcamera", spec, &o, err);
   if (r >= 0) use_trigger(s, &o);
+  o.response = s->response;
   if (r >= 0) r = sv_libcamera_open(&s->u.libcamera, &o, &s->clock, err);
   if (r >= 0) s->source = sv_libcamera_source(s->u.libcamera);
   return r;
@@ -246,10 +249,26 @@ static sv_status open_kind(board_source *s, const char *spec, int n_exposures, s
   return sv_fail(err, SV_E_ARG, "source \"%s\": expected " SOURCE_KINDS, spec);
 }
 
+// How sensitive the cameras are, for lock=shared: the mean of a camera's sub-views.
+static void read_responses(board_source *s, int n_tiles) {
+  double sum[SV_CAMERA_CAP_CAMERAS] = {0};
+  int n[SV_CAMERA_CAP_CAMERAS] = {0};
+  for (int i = 0; i < s->rig->n_sub_views; i++) {
+    const sv_sub_view *v = &s->rig->sub_views[i];
+    const int c = v->i_camera / n_tiles;
+    if (c >= SV_CAMERA_CAP_CAMERAS) continue;
+    sum[c] += sv_photometry_response(&v->photometric);
+    n[c]++;
+  }
+  for (int c = 0; c < SV_CAMERA_CAP_CAMERAS; c++)
+    if (n[c]) s->response[c] = (float)(sum[c] / n[c]);
+}
+
 sv_status source_open(board_source *s, const source_cfg *cfg, sv_arena *arena, sv_err *err) {
   const char *spec = cfg->spec, *rig_path = cfg->rig_path;
   common_options o;
   memset(s, 0, sizeof *s);
+  for (int i = 0; i < SV_CAMERA_CAP_CAMERAS; i++) s->response[i] = 1;
   sv_arena_part_begin(arena, "source");
   sv_status r = take_options(spec, &o, err);
   s->trigger = o.trigger;
@@ -273,6 +292,7 @@ sv_status source_open(board_source *s, const source_cfg *cfg, sv_arena *arena, s
   if (o.cols && !rig_path) s->rig_dir[0] = 0;
   if (s->rig_dir[0]) r = read_rig(s, arena, err);
   else if (!s->rig && cfg->needs_rig) r = find_no_rig(s, spec, o.fov_deg, arena, err);
+  if (r >= 0 && s->rig) read_responses(s, o.cols ? o.cols * o.rows : 1);
   if (r >= 0 && s->rig) r = sizes_fit(s, cfg, arena, err);
   if (r >= 0 && s->rig && cfg->reads_shutters) r = shutters_read(s, arena, err);
   if (r >= 0 && cfg->is_triggered) r = trigger_open(s, err);

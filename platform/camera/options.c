@@ -156,6 +156,10 @@ static sv_status complete_sync(const char *kind, sv_camera_options *o, sv_err *e
   return SV_OK;
 }
 
+double sv_camera_exposure_share(const sv_camera_options *o, int i) {
+  return o->response ? (double)o->response[0] / (double)o->response[i] : 1;
+}
+
 bool sv_camera_is_light_shared(const sv_camera_options *o) {
   const bool is_given = o->exposure_ns > 0 && o->gain >= 0 && o->white_k > 0;
   return !o->is_unlocked && (o->is_shared || is_given || o->n_cameras == 1);

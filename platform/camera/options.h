@@ -9,7 +9,8 @@
 //   gain=N            fixed gain, in the driver's units (V4L2) or as a factor (libcamera)
 //   wb=K              fixed color temperature, kelvin
 //   lock=on|shared|off    lock exposure, gain and white balance while they run (on: each camera at
-//                     its own values; shared: all at those of the first camera)
+//                     its own values; shared: all at those of the first camera, the exposure time
+//                     over the camera's response, where that is known)
 //   settle=MS         time for the automatic controls to settle before the lock (500)
 //   stall=MS          restart a camera that delivers no frame for this long (1000)
 //   clock=camera|monotonic|boottime|realtime    clock of the timestamps (default: as the driver
@@ -69,15 +70,20 @@ typedef struct {
   int n_sync; // words of sync=; as many as cameras after parsing, or 0
   sv_rpi_sync sync[SV_CAMERA_CAP_CAMERAS];
   sv_camera_trigger trigger;
+  // [n_cameras] green of grey light at the same exposure time and gain, relative to each other. It
+  // is filled in before the cameras start. NULL: all alike.
+  const float *response;
 } sv_camera_options;
 
 sv_camera_options sv_camera_defaults(void);
 // `kind` ("v4l2") is for sentences. E_ARG with one.
 sv_status sv_camera_parse(const char *kind, const char *spec, sv_camera_options *out,
                           sv_err *err) SV_MUST_USE;
-// Whether all cameras have the same exposure time, gain and white balance while they run: shared,
-// or all given.
+// Whether all cameras have the same gain, white balance and, but for their responses, exposure time
+// while they run: shared, or all given.
 bool sv_camera_is_light_shared(const sv_camera_options *o);
+// Exposure time of camera i over the first's with lock=shared, by their responses.
+double sv_camera_exposure_share(const sv_camera_options *o, int i);
 // Whether any camera takes part in rpi.sync.
 bool sv_camera_has_sync(const sv_camera_options *o);
 // The tone of a format under these options: Bayer samples are linear light by default.

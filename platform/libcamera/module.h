@@ -14,7 +14,7 @@ extern "C" {
 #define SV_LIBCAMERA_MODULE "subview-libcamera.so"
 #define SV_LIBCAMERA_TABLE  "sv_libcamera_table" // the symbol
 // Raise the number when a function or the meaning of a shared struct changes.
-#define SV_LIBCAMERA_REVISION "subview libcamera module 3"
+#define SV_LIBCAMERA_REVISION "subview libcamera module 4"
 
 // Sizes of the structs that both sides use: a second guard beside the revision.
 #define SV_LIBCAMERA_SIZES                                                                                   \

@@ -39,11 +39,22 @@ static void set_sync(const sv_libcamera *s, const Cam *c, ControlList *list) {
   list->set(s->sync_mode_id, ControlValue(static_cast<int32_t>(sync_of(c) == SV_RPI_SYNC_SERVER ? 1 : 2)));
 }
 
+// The exposure time of the first camera, over the relative response of this one.
+static int32_t shared_us(const Cam *c, int32_t us) {
+  const auto info = c->camera->controls().find(&controls::ExposureTime);
+  const double want = us * sv_camera_exposure_share(&c->owner->cfg, c->i_camera) + 0.5;
+  if (us <= 0 || info == c->camera->controls().end()) return us;
+  const int32_t least = info->second.min().get<int32_t>(), most = info->second.max().get<int32_t>();
+  if (want < least) return least;
+  return most > 0 && want > most ? most : static_cast<int32_t>(want); // 0: it names no limit
+}
+
 // Fixes the given values, or those found by the automatic controls, and switches these off.
 // lock=shared: those of the first camera.
 static void set_fixed(const sv_libcamera *s, const Cam *c, ControlList *list) {
   const Cam *from = s->cfg.is_shared ? s->cams.front().get() : c;
   int32_t us = s->cfg.exposure_ns > 0 ? static_cast<int32_t>(s->cfg.exposure_ns / 1000) : from->exposure_us;
+  if (s->cfg.is_shared) us = shared_us(c, us);
   float gain = s->cfg.gain >= 0 ? static_cast<float>(s->cfg.gain) : from->gain;
   if (us > 0 && has(c, controls::ExposureTime)) {
     list->set(controls::ExposureTime, us);

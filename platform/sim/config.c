@@ -225,8 +225,8 @@ static sv_status read_number(sv_sim_config *c, const number_option *o, word v, s
 }
 
 static sv_status unknown_option(word name, sv_err *err) {
-  static const char *const others[] = {"rig",  "grid",  "size",       "noise",   "fault", "seed",
-                                       "path", "poses", "vignetting", "shutter", "blur",  "depth"};
+  static const char *const others[] = {"rig",   "grid",       "size",    "noise", "fault", "seed", "path",
+                                       "poses", "vignetting", "shutter", "blur",  "depth", "lock"};
   const int n = (int)(name.n < 20 ? name.n : 20);
   sv_near_name near = sv_near_make(name.p, name.n);
   for (size_t i = 0; i < sizeof others / sizeof *others; i++) sv_near_try(&near, others[i]);
@@ -279,6 +279,13 @@ static sv_status read_option(sv_sim_config *c, word option, sv_err *err) {
     const int direction = find(v, names, SV_N_SHUTTERS);
     if (direction < 0) return unknown(err, "shutter", v, names, SV_N_SHUTTERS);
     c->optics.shutter = (sv_shutter_direction)direction;
+    return SV_OK;
+  }
+  if (is(name, "lock")) {
+    static const char *const locks[] = {"given", "on", "shared"};
+    const int lock = find(v, locks, 3);
+    if (lock < 0) return bad(err, "lock", v, "given, on or shared");
+    c->optics.lock = (sv_sim_lock)lock;
     return SV_OK;
   }
   if (is(name, "blur")) {
@@ -405,7 +412,7 @@ void sv_sim_list(sv_str *out) {
            "poses=known|unknown, "
            "noise=read:V:shot:V, depth=8|16, "
            "fault=NAME[:CAMERA[:SLOT[:N]]][+...], vignetting=cos4|K1[:K2[:K3]], shutter=down|up|right|left, "
-           "blur=on|off");
+           "blur=on|off, lock=given|on|shared");
   for (int i = 0; i < N_NUMBERS; i++) sv_str_add(out, ", %s=", NUMBERS[i].name);
   sv_str_add(out, "\n  faults: ");
   for (int i = 0; i < SV_SIM_N_FAULTS; i++) sv_str_add(out, "%s%s", i ? ", " : "", FAULTS[i]);

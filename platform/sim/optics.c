@@ -30,7 +30,8 @@ bool sv_sim_optics_is_color_known(const sv_sim_optics_cfg *c) {
 sv_status sv_sim_optics_init(sv_sim_optics *o, const sv_sim_optics_cfg *c, const uint16_t *srgb16,
                              sv_arena *arena) {
   o->is_on = !sv_sim_optics_is_color_known(c) || c->auto_exposure != 1 || c->light != 1 || c->bracket != 1 ||
-             c->flat > 0 || c->readout_ms > 0 || c->n_hot > 0 || has_samples(c);
+             c->lock != SV_SIM_LOCK_GIVEN || c->flat > 0 || c->readout_ms > 0 || c->n_hot > 0 ||
+             has_samples(c);
   o->response = c->response != 1 ? SV_TAKE(arena, uint16_t, SV_NOISE_CODE_MAX + 1) : NULL;
   if (arena->status < 0 || !arena->base || !o->response) return arena->status;
   for (int i = 0; i <= SV_NOISE_CODE_MAX; i++) {

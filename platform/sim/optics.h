@@ -17,6 +17,9 @@
 extern "C" {
 #endif
 
+// Exposure time: as given, or as measured at the start, by each camera or by the first for all.
+typedef enum { SV_SIM_LOCK_GIVEN, SV_SIM_LOCK_ON, SV_SIM_LOCK_SHARED } sv_sim_lock;
+
 typedef struct {
   // Relative illumination at distance r from the principal point: 1 + k1 r^2 + k2 r^4 + k3 r^6, r =
   // 1 at the farthest corner. Default 0.
@@ -36,6 +39,7 @@ typedef struct {
   // Light of an evenly lit field in the scene's place; 0: the scene. Default 0
   double flat;
   double bracket;    // factor of every second slot's shutter time. Default 1
+  sv_sim_lock lock;  // Default: as given
   double readout_ms; // from the first line of a frame to the last; 0: all at once
   sv_shutter_direction shutter;
   bool is_blurred;    // moves during shutter_us

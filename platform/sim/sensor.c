@@ -160,7 +160,7 @@ static development development_of(const sv_sim *sim, const sv_sim_event *e) {
       .scale = sim->rig.forward == SV_FORWARD_MULTIPLEXED ? 1.0f / (float)sim->largest_overlap : 1.0f,
       .display = sim->optics.response && e->i_camera > 0 ? sim->optics.response : sim->noise.srgb16};
   sv_sim_optics_matrix(o, e->i_camera, n > 1 ? (double)(e->slot % n) / (n - 1) : 0, d.m);
-  const float exposure = (float)sv_sim_optics_exposure(o, e->slot);
+  const float exposure = (float)(sim->exposure[e->i_camera] * sv_sim_optics_exposure(o, e->slot));
   for (int i = 0; i < 9; i++) d.m[i] *= exposure;
   return d;
 }
@@ -201,6 +201,30 @@ static void put_sum(const sv_sim *sim, const sv_sim_event *e, const canvas *c, u
   }
 }
 
+// The light of a camera's sub-views, into sum or, where there is none, as a picture to out.
+static void draw_camera(sv_sim *sim, const sv_sim_event *e, canvas *c, uint8_t *out) {
+  const sv_sim_config *cfg = &sim->cfg;
+  const size_t n_px = (size_t)cfg->width_px * (size_t)cfg->height_px;
+  if (sim->sum) memset(sim->sum, 0, 3 * n_px * sizeof *sim->sum);
+  else memset(out, 0, sim->frame_bytes);
+  for (int i = 0; i < sim->rig.n_sub_views; i++) {
+    const sv_sub_view *sv = &sim->rig.sub_views[i];
+    if (sv->i_camera != e->i_camera) continue;
+    c->x0_px = sv->footprint.x0_px;
+    c->y0_px = sv->footprint.y0_px;
+    size_t at = 3 * ((size_t)c->y0_px * (size_t)cfg->width_px + (size_t)c->x0_px);
+    if (sim->sum) c->sum = sim->sum + at;
+    else c->rgb = out + at;
+    if (sim->optics.is_on) {
+      if (cfg->optics.flat > 0) draw_flat(sim, sv, e->true_ns, c);
+      else draw_through(sim, sv, e->true_ns, c);
+      continue;
+    }
+    sv_view v = sv_sim_sub_view_at(sim, sv, e->true_ns);
+    draw(sim, &v, sv_ns_to_s(e->true_ns - SV_SIM_EPOCH_NS), c);
+  }
+}
+
 void sv_sim_expose(sv_sim *sim, const sv_sim_event *e, uint8_t *out) {
   const sv_sim_config *cfg = &sim->cfg;
   canvas c = {.sim = sim,
@@ -208,26 +232,41 @@ void sv_sim_expose(sv_sim *sim, const sv_sim_event *e, uint8_t *out) {
               .slot = (uint32_t)e->slot,
               .is_noisy = cfg->noise_read > 0 || cfg->noise_shot > 0,
               .camera_seed = sv_hash3(cfg->seed, (uint32_t)e->i_camera, 0x5e50)};
-  size_t n_px = (size_t)cfg->width_px * (size_t)cfg->height_px;
-  if (sim->sum) memset(sim->sum, 0, 3 * n_px * sizeof *sim->sum);
-  else memset(out, 0, sim->frame_bytes);
-  for (int i = 0; i < sim->rig.n_sub_views; i++) {
-    const sv_sub_view *sv = &sim->rig.sub_views[i];
-    if (sv->i_camera != e->i_camera) continue;
-    c.x0_px = sv->footprint.x0_px;
-    c.y0_px = sv->footprint.y0_px;
-    size_t at = 3 * ((size_t)c.y0_px * (size_t)cfg->width_px + (size_t)c.x0_px);
-    if (sim->sum) c.sum = sim->sum + at;
-    else c.rgb = out + at;
-    if (sim->optics.is_on) {
-      if (cfg->optics.flat > 0) draw_flat(sim, sv, e->true_ns, &c);
-      else draw_through(sim, sv, e->true_ns, &c);
-      continue;
-    }
-    sv_view v = sv_sim_sub_view_at(sim, sv, e->true_ns);
-    draw(sim, &v, sv_ns_to_s(e->true_ns - SV_SIM_EPOCH_NS), &c);
-  }
+  draw_camera(sim, e, &c, out);
   if (sim->sum) put_sum(sim, e, &c, out);
   if (cfg->jpeg_quality > 0) sv_sim_jpeg(out, cfg->width_px, cfg->height_px, cfg->jpeg_quality);
   if (e->is_damaged) memset(out + sim->frame_bytes / 2, 0, sim->frame_bytes - sim->frame_bytes / 2);
+}
+
+// --- automatic exposure
+// --------------------------------------------------------------------------
+
+#define METER_GREEN 0.18 // mean of a picture that is well exposed
+#define METER_MOST  64.0 // times the given exposure time, and its inverse
+
+// Of the first slot, as the camera sees it without noise.
+static double meter(sv_sim *sim, int i_camera) {
+  const sv_sim_event first = {.i_camera = i_camera, .true_ns = sv_sim_slot_ns(sim, 0)};
+  const int n_px = sim->cfg.width_px * sim->cfg.height_px;
+  canvas c = {.sim = sim, .stride_px = sim->cfg.width_px};
+  double green = 0;
+  draw_camera(sim, &first, &c, NULL);
+  const development d = development_of(sim, &first);
+  for (int i = 0; i < n_px; i++) {
+    float v[3];
+    develop(&d, sim->sum + 3 * i, v);
+    green += (double)v[1] / n_px;
+  }
+  return sv_mind(sv_maxd(METER_GREEN / green, 1 / METER_MOST), METER_MOST);
+}
+
+void sv_sim_meter(sv_sim *sim) {
+  const sv_sim_lock lock = sim->cfg.optics.lock;
+  const float *response = sim->cfg.response;
+  for (int i = 0; i < sim->n_cameras && lock != SV_SIM_LOCK_GIVEN; i++) {
+    const bool follows = lock == SV_SIM_LOCK_SHARED && i > 0;
+    const double share = follows && response ? (double)response[0] / (double)response[i] : 1;
+    sim->exposure[i] = follows ? sim->exposure[0] * share : meter(sim, i);
+  }
+  sim->is_metered = true;
 }

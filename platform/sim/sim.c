@@ -58,6 +58,7 @@ sv_status sv_sim_init(sv_sim *s, const sv_sim_config *cfg, sv_arena *arena, sv_e
   if (status < 0)
     return sv_fail(err, status, "sim: %zu bytes do not fit: the arena has %zu of %zu bytes in use",
                    sv_sim_bytes(cfg), arena->used_bytes, arena->cap_bytes);
+  for (int i = 0; i < SV_SIM_CAP_CAMERAS; i++) s->exposure[i] = 1;
   s->now_ns = SV_SIM_EPOCH_NS;
   s->period_ns = (sv_ns)floor(1e9 / cfg->fps + 0.5);
   status = sv_device_build(&s->rig, &device, err);
@@ -73,6 +74,7 @@ sv_status sv_sim_init(sv_sim *s, const sv_sim_config *cfg, sv_arena *arena, sv_e
 }
 
 const sv_rig *sv_sim_rig(const sv_sim *s) { return &s->rig; }
+float sv_sim_light(const sv_sim *s) { return (float)(s->cfg.optics.light * s->exposure[0]); }
 const sv_sim_counts *sv_sim_camera_counts(const sv_sim *s, int i) { return &s->cameras[i].counts; }
 
 void sv_sim_scene_bounds(const sv_sim *s, double centre_m[3], double *radius_m) {
@@ -258,7 +260,7 @@ static sv_status src_caps(void *self, int i_camera, sv_camera_caps *out) {
                           .frame_bytes = s->frame_bytes,
                           .is_light_locked = s->cfg.optics.auto_exposure == 1 && s->cfg.optics.bracket == 1,
                           .is_exposure_told = s->cfg.optics.auto_exposure == 1,
-                          .is_light_shared = true,
+                          .is_light_shared = s->cfg.optics.lock != SV_SIM_LOCK_ON,
                           .is_color_known = sv_sim_optics_is_color_known(&s->cfg.optics),
                           .readout_ns = from_us(1e3 * s->cfg.optics.readout_ms),
                           .stamp_noise_ns = from_us(s->cfg.jitter_us),
@@ -270,6 +272,7 @@ static sv_status src_caps(void *self, int i_camera, sv_camera_caps *out) {
 static sv_status src_start(void *self) {
   sv_sim *s = self;
   if (s->is_running) return SV_OK;
+  if (!s->is_metered) sv_sim_meter(s);
   int64_t slot = 0;
   if (s->now_ns > sv_sim_slot_ns(s, 0))
     slot = (s->now_ns - sv_sim_slot_ns(s, 0) + s->period_ns - 1) / s->period_ns;
@@ -311,7 +314,8 @@ static sv_status deliver(sv_sim *s, sv_frame *frame) {
   else c->counts.n_delivered++;
   frame->sequence = e.sequence;
   frame->camera_ns = e.camera_ns;
-  frame->exposure_ns = from_us(s->cfg.shutter_us * sv_sim_optics_exposure(&s->cfg.optics, e.slot));
+  frame->exposure_ns =
+      from_us(s->cfg.shutter_us * s->exposure[e.i_camera] * sv_sim_optics_exposure(&s->cfg.optics, e.slot));
   frame->width_px = s->cfg.width_px;
   frame->height_px = s->cfg.height_px;
   frame->format = format_of(s);

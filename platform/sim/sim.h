@@ -94,7 +94,10 @@ typedef struct {
   double drop;              // probability that the link loses a frame
   sv_sim_optics_cfg optics; // ideal by default
   bool is_deep;             // frames have 16 bits a value. Default false
-  int jpeg_quality;         // 1 to 100: frames have lost what JPEG loses; 0: nothing. Default 0
+  // [SV_SIM_CAP_CAMERAS] green of grey light at the same exposure time, of someone else, filled in
+  // before the source starts: by it lock=shared divides exposure times. NULL: all alike.
+  const float *response;
+  int jpeg_quality; // 1 to 100: frames have lost what JPEG loses; 0: nothing. Default 0
   int n_buffers;
   int n_faults;
   sv_sim_fault faults[SV_SIM_CAP_FAULTS];
@@ -156,6 +159,9 @@ typedef struct {
   sv_sim_shot *shot; // scratch of the source and of sv_sim_render
   sv_noise noise;
   sv_sim_optics optics;
+  // of each camera's exposure time, by optics.lock; 1 until the source starts
+  double exposure[SV_SIM_CAP_CAMERAS];
+  bool is_metered;
   float *sum;          // [height][width][3] linear, for 16 bits or with optics only; else NULL
   int largest_overlap; // lens images that meet in one pixel at most, multiplexed only
   sv_sim_camera cameras[SV_SIM_CAP_CAMERAS];
@@ -183,6 +189,8 @@ sv_source sv_sim_source(sv_sim *sim);
 sv_clock sv_sim_clock(sv_sim *sim);          // only sleeping and a waiting dequeue advance it
 const sv_rig *sv_sim_rig(const sv_sim *sim); // the true rig
 const sv_sim_counts *sv_sim_camera_counts(const sv_sim *sim, int i_camera);
+// Light of the first camera's frames over that of the scene: brackets start with 1.
+float sv_sim_light(const sv_sim *sim);
 void sv_sim_scene_bounds(const sv_sim *sim, double centre_m[3], double *radius_m);
 
 sv_ns sv_sim_slot_ns(const sv_sim *sim, int64_t slot);      // host time of mid-exposure of camera 0
@@ -212,6 +220,8 @@ sv_view sv_sim_sub_view_at(const sv_sim *sim, const sv_sub_view *sv, sv_ns host_
 void sv_sim_jpeg(uint8_t *rgb, int width_px, int height_px, int quality);
 // sensor.c: one sensor frame
 void sv_sim_expose(sv_sim *sim, const sv_sim_event *event, uint8_t *out);
+// Fills in exposure by optics.lock: the mean of green becomes 18 % of the sensor's range.
+void sv_sim_meter(sv_sim *sim);
 sv_status sv_sim_check(const sv_sim_config *cfg, sv_err *err); // config.c
 sv_device_params sv_sim_device(const sv_sim_config *cfg);      // config.c
 // lens.c: sub-views of a rig with these lenses, and what becomes of the device's pinholes

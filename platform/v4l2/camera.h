@@ -97,7 +97,8 @@ bool sv_v4l2_has_auto(const sv_v4l2_camera *c); // an automatic control is activ
 // Switches the automatic controls off and sets what the options fix. First: records the previous
 // values.
 void sv_v4l2_lock_controls(sv_v4l2_camera *c, sv_ns now_ns);
-// After both were locked: the exposure time, gain and white balance of `from`.
+// After both were locked: the gain and white balance of `from`, and its exposure time over the
+// relative response. Exposures in lines are taken as they are: frames do not tell their time.
 void sv_v4l2_share_controls(sv_v4l2_camera *c, const sv_v4l2_camera *from, sv_ns now_ns);
 void sv_v4l2_restore_controls(sv_v4l2_camera *c);
 // The control that makes the camera wait for the trigger's pulses, where the trigger has one; it is

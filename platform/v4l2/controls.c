@@ -124,9 +124,14 @@ static const uint32_t lights[] = {V4L2_CID_EXPOSURE_ABSOLUTE, V4L2_CID_EXPOSURE,
                                   V4L2_CID_BLUE_BALANCE};
 
 void sv_v4l2_share_controls(sv_v4l2_camera *c, const sv_v4l2_camera *from, sv_ns now_ns) {
+  const double share =
+      sv_camera_exposure_share(c->cfg, c->i_camera) / sv_camera_exposure_share(c->cfg, from->i_camera);
   int32_t v;
   for (size_t i = 0; i < sizeof lights / sizeof *lights; i++)
-    if (get(from, lights[i], &v)) hold(c, lights[i], v, now_ns);
+    if (get(from, lights[i], &v)) {
+      if (lights[i] == V4L2_CID_EXPOSURE_ABSOLUTE) v = clamped(c, lights[i], share * v);
+      hold(c, lights[i], v, now_ns);
+    }
   if (gain_id(from) && get(from, gain_id(from), &v)) hold(c, gain_id(c), v, now_ns);
   c->exposure_ns = get(c, V4L2_CID_EXPOSURE_ABSOLUTE, &v) && v > 0 ? v * EXPOSURE_UNIT_NS : 0;
 }

@@ -7,6 +7,7 @@
 
 #define NO_DIFFERENCE 1e-6
 #define MOST_INVERSE  32767
+#define MOST_EXPOSURE 64.0 // the table's sums have room for 1,000
 
 static bool is_identity(const double m[9]) {
   for (int i = 0; i < 9; i++)
@@ -39,14 +40,27 @@ void sv_correction_carve(sv_correction *c, const sv_sub_view *v, const uint8_t *
   c->inverse_falloff = SV_TAKE(arena, uint16_t, n_px);
 }
 
+// False: the color matrix has no inverse.
+static bool fill_light(sv_correction *c, const sv_sub_view *v, double exposure) {
+  double inverse[9];
+  if (!sv_photometry_inverse(&v->photometric, inverse)) return false;
+  for (int k = 0; k < 256; k++) {
+    const double light = SV_CORRECT_ONE * linear_of(k / 255.0) / exposure;
+    for (int i = 0; i < 9; i++) c->light[256 * i + k] = (int32_t)floor(light * inverse[i] + 0.5);
+  }
+  c->exposure = exposure;
+  return true;
+}
+
+void sv_correction_expose(sv_correction *c, const sv_sub_view *v, double exposure) {
+  exposure = sv_mind(sv_maxd(exposure, 1 / MOST_EXPOSURE), MOST_EXPOSURE);
+  if (c->light && exposure != c->exposure) (void)fill_light(c, v, exposure);
+}
+
 sv_status sv_correction_fill(sv_correction *c, const sv_sub_view *v, const sv_remap *map) {
   const int w = map->entries ? map->width_px : v->model.width_px,
             h = map->entries ? map->height_px : v->model.height_px;
-  double inverse[9];
-  if (!sv_photometry_inverse(&v->photometric, inverse)) return SV_E_RANGE;
-  for (int i = 0; i < 9; i++)
-    for (int k = 0; k < 256; k++)
-      c->light[256 * i + k] = (int32_t)floor(SV_CORRECT_ONE * inverse[i] * linear_of(k / 255.0) + 0.5);
+  if (!fill_light(c, v, 1)) return SV_E_RANGE;
   for (int y = 0; y < h; y++)
     for (int x = 0; x < w; x++) {
       const size_t at = (size_t)y * (size_t)w + (size_t)x;

@@ -18,6 +18,7 @@ typedef struct {
   int32_t *light;            // [3][3][256]; NULL: pictures stay as they are
   uint16_t *inverse_falloff; // [height][width] of the view
   const uint8_t *display;    // [SV_CORRECT_CODES], shared by all sub-views
+  double exposure;           // that light is for, see sv_correction_expose
 } sv_correction;
 
 // Whether a sub-view's pictures change: calibrated, and other than the reference's.
@@ -30,6 +31,9 @@ void sv_correction_carve(sv_correction *c, const sv_sub_view *v, const uint8_t *
 // Fills them, for a view that is drawn through map, or of the lens's own pixels where it has no
 // entries. E_RANGE: a color matrix without inverse.
 sv_status sv_correction_fill(sv_correction *c, const sv_sub_view *v, const sv_remap *map) SV_MUST_USE;
+// Filled ones, from now on for pictures whose exposure time is so many times the reference
+// camera's; 1 at first. Values are limited to 1/64 and 64.
+void sv_correction_expose(sv_correction *c, const sv_sub_view *v, double exposure);
 
 #ifdef __cplusplus
 }

@@ -330,11 +330,17 @@ static void put_deep(const copy_job *job, const sv_frame *f, uint16_t *dst, cons
   sv_pool_run(pool, copy_deep_task, &j, n_tasks(job->e->sub[job->i_sub].lens.model.height_px));
 }
 
+// Whether a camera differs from the first in its exposure time alone, if at all: sources give one
+// that is more sensitive a shorter one (lock=shared).
+static bool is_like_first(const sv_exposures *e, int i_camera) {
+  return e->cfg.caps[0].is_light_shared && e->cfg.caps[i_camera].is_light_shared;
+}
+
 // A camera's frame as RGB8, and with is_deep in 16 bits.
 static sv_status convert(sv_exposures *e, int place, const sv_frame *f, const sv_compute *with,
                          sv_image_u8 *image, sv_err *err) {
   if (!e->cfg.is_deep) return sv_convert_frame(&e->convert, f, with->k, with->pool, image, err);
-  sv_ns *first = &e->first_ns[f->i_camera];
+  sv_ns *first = &e->first_ns[is_like_first(e, f->i_camera) ? 0 : f->i_camera];
   float *shutter = &e->shutter[place * e->cfg.n_cameras + f->i_camera];
   if (*first == 0) *first = f->exposure_ns;
   *shutter = f->exposure_ns > 0 && *first > 0 ? (float)((double)f->exposure_ns / (double)*first) : 1;
@@ -344,6 +350,12 @@ static sv_status convert(sv_exposures *e, int place, const sv_frame *f, const sv
     e->white = sv_deep_white(e->convert.deep.linear, 3 * (size_t)f->width_px * (size_t)f->height_px);
   }
   return sv_convert_deep(&e->convert, f, 1 / (*shutter * e->white), with, image, err);
+}
+
+// Exposure time of camera i's frame over that of the first camera, where it alone differs. Else 1.
+static double exposure_of(const sv_exposures *e, int i, const sv_frame *frame) {
+  if (!is_like_first(e, i) || frame[i].exposure_ns <= 0 || frame[0].exposure_ns <= 0) return 1;
+  return (double)frame[i].exposure_ns / (double)frame[0].exposure_ns;
 }
 
 static sv_status check_frame(const sv_exposures *e, int i_sub, const sv_frame *f, sv_err *err) {
@@ -375,6 +387,7 @@ static sv_status put_pictures(sv_exposures *e, int place, const sv_frame *frame,
         if (s < 0) return s;
       }
       uint8_t *block = e->px + (size_t)place * e->exposure_bytes;
+      sv_correction_expose(&e->sub[i].correction, &rig->sub_views[i], exposure_of(e, c, frame));
       copy_job j = {.e = e, .k = k, .i_sub = i, .dst = block + e->sub[i].at};
       j.picture = j.dst;
       put_sub_view(&j, &image, pool);

@@ -76,8 +76,10 @@ typedef struct {
   int i_next;            // slot that the next one goes to
   int *place;            // [cap_exposures + 1] block in px of each slot; the last is spare
   float white;           // with is_deep: what is white in the first frame (deep.h); else 1
-  sv_ns *first_ns;       // [n_cameras] shutter time of the first frame; with is_deep, else NULL
-  float *shutter;        // [cap_exposures + 1][n_cameras] shutter time over that, of each block
+  // [n_cameras] shutter time of the first frame, that of the first camera for all that differ from
+  // it in nothing else; with is_deep, else NULL
+  sv_ns *first_ns;
+  float *shutter; // [cap_exposures + 1][n_cameras] shutter time over that, of each block
   uint64_t n_replaced;
 } sv_exposures;
 

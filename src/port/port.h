@@ -124,8 +124,9 @@ typedef struct {
   int coded_width_px,
       // of the compressed image that holds this camera; 0: the camera is the whole image
       coded_height_px;
-  bool is_light_locked;  // exposure time, gain and white balance do not change while frames come
-  bool is_light_shared;  // and all cameras of which this holds have the same ones
+  bool is_light_locked; // exposure time, gain and white balance do not change while frames come
+  // and all cameras of which this holds have the same ones, but for exposure times that frames tell
+  bool is_light_shared;
   bool is_exposure_told; // nothing but the shutter time changes, and frames tell it
   bool is_color_known;   // the same light gives the same value at every pixel and in all cameras of
                          // which this holds

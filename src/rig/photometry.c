@@ -50,6 +50,11 @@ bool sv_photometry_inverse(const sv_photometry *p, double out[9]) {
   return true;
 }
 
+double sv_photometry_response(const sv_photometry *p) {
+  const double green = p->is_known ? p->color[3] + p->color[4] + p->color[5] : 1;
+  return green > 1 / MOST_GAIN && green < MOST_GAIN ? green : 1;
+}
+
 bool sv_photometry_has_light(const sv_photometry *p) {
   for (int i = 0; i <= 64; i++) {
     const double f = sv_photometry_falloff(p, i / 64.0);

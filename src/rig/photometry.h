@@ -38,6 +38,9 @@ void sv_photometry_fit(const double light[3], double falloff[3]);
 // The inverse of the color matrix; false where there is none that a camera can have: it would make
 // some light more than ten times as bright.
 bool sv_photometry_inverse(const sv_photometry *p, double out[9]);
+// Green of grey light over the reference's, at the same exposure time and gain; 1 where it is not
+// known.
+double sv_photometry_response(const sv_photometry *p);
 // Whether it is of a lens: at least 5 % and at most 150 % of the light everywhere up to r = 1.
 bool sv_photometry_has_light(const sv_photometry *p);
 

@@ -407,8 +407,8 @@ double world_heldout_psnr(world *w, int n) {
     double t, mse;
     sv_sim_heldout_view(&w->sim, i, n, &v, &t);
     sv_sim_render(&w->sim, &v, t, truth, NULL);
-    if (sv_driver_lit_mse(&w->app.trainer, &v, w->app.exposures.white / (float)w->sim.cfg.optics.light, truth,
-                          &mse) < 0)
+    if (sv_driver_lit_mse(&w->app.trainer, &v, w->app.exposures.white / sv_sim_light(&w->sim), truth, &mse) <
+        0)
       return -1;
     psnr += sv_psnr_of_mse(mse) / n;
   }

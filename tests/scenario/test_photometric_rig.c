@@ -138,6 +138,29 @@ TEST(test_scene) {
   check_scene("stereo", ",crosstalk=0.1", names, gain, 0.1);
 }
 
+// lock=shared: the first camera measures; with a calibrated rig the others expose by their
+// responses, so that a more sensitive one does not saturate.
+TEST(test_shared_light) {
+  static const char different[] = ",gain=0.3,white=4500";
+  char dir[256], with[600];
+  double shared[2];
+  assert_int_equal(temp_folder_make(dir, sizeof dir, "photometric"), 0);
+  capture(dir, "sim:textured,flat=0.33,rig=phone,size=160x120,noise=read:1e-5:shot:1e-4,gain=0.3,white=4500",
+          10);
+  snprintf(with, sizeof with, ",lock=shared%s --appearance off", different);
+  shared[0] = psnr(dir, "room,rig=phone", with);
+  assert_int_equal(calibrate(dir, "--white", "wide ultrawide tele", ""), 0);
+  snprintf(with, sizeof with, ",lock=shared%s --rig '%s/rig'", different, dir);
+  shared[1] = psnr(dir, "room,rig=phone", with);
+  assert_null(strstr(shell_out, "\"appearance\": {")); // nothing is left to learn
+  snprintf(with, sizeof with, ",lock=on%s --rig '%s/rig'", different, dir);
+  const double on = psnr(dir, "room,rig=phone", with), ideal = psnr(dir, "room,rig=phone", ",lock=shared");
+  print_message("ideal %.2f dB; lock=shared %.2f dB, calibrated %.2f dB; lock=on, calibrated %.2f dB\n",
+                ideal, shared[0], shared[1], on);
+  assert_true(shared[0] < ideal - 1 && shared[1] > ideal - 0.2 && shared[1] > on);
+  assert_int_equal(temp_folder_remove(dir), 0);
+}
+
 TEST(test_boards) {
   char dir[256];
   need_board();
@@ -179,7 +202,8 @@ TEST(test_refused) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_white_pictures), cmocka_unit_test(test_boards),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_white_pictures),
+                                     cmocka_unit_test(test_shared_light), cmocka_unit_test(test_boards),
                                      cmocka_unit_test(test_scene), cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -122,6 +122,61 @@ TEST(test_reduced_pictures) {
   assert_true(off_of(&v, 2) <= 4);
 }
 
+// Two cameras with lock=shared: the second one has another exposure time, as it is more sensitive.
+TEST(test_exposure_times_that_differ) {
+  static sv_exposures pool;
+  sv_sub_view views[2] = {lens(W, H), lens(W, H)};
+  const sv_rig rig = {.sub_views = views, .n_sub_views = 2, .cap_sub_views = 2};
+  sv_camera_caps caps[2];
+  sv_image_u8 image[2];
+  sv_view view;
+  sv_err err;
+  views[0].photometric = sv_photometry_none(&views[0].model);
+  views[1].i_camera = 1;
+  assert_true(fabs(sv_photometry_response(&views[1].photometric) - 1.32) < 1e-9);
+  for (int is_shared = 0; is_shared < 2; is_shared++) {
+    for (int i = 0; i < 2; i++)
+      caps[i] = (sv_camera_caps){.width_px = W,
+                                 .height_px = H,
+                                 .format = SV_PIX_RGB8,
+                                 .frame_bytes = sizeof frame_px,
+                                 .is_light_shared = is_shared};
+    const sv_exposures_cfg cfg = {
+        .rig = &rig, .cap_exposures = 2, .caps = caps, .n_cameras = 2, .n_threads = 1};
+    sv_kernels kernels;
+    sv_arena a = sv_arena_make(block, sizeof block);
+    assert_ok(sv_exposures_init(&pool, &cfg, &a, &err), &err);
+    shoot(&views[1]);
+    sv_frame frame[2];
+    for (int i = 0; i < 2; i++)
+      frame[i] = (sv_frame){.i_camera = i,
+                            .width_px = W,
+                            .height_px = H,
+                            .stride_bytes = 3 * W,
+                            .format = SV_PIX_RGB8,
+                            .data = frame_px,
+                            .data_bytes = sizeof frame_px,
+                            .exposure_ns = 10000000};
+    const sv_exposure exposure = {.rig_from_world = sv_pose_identity()};
+    const sv_pool serial = sv_pool_serial();
+    memset(&kernels, 0, sizeof kernels);
+    kernels.correct = sv_correct_ref;
+    // The same values at half of the time are of twice the light.
+    for (int i = 0; i < 2; i++) {
+      frame[1].exposure_ns = i ? 5000000 : 10000000;
+      assert_ok(sv_exposures_add(&pool, &exposure, frame, &kernels, &serial, &err), &err);
+    }
+    for (int i = 0; i < 2; i++) sv_exposures_get(&pool, i, 1, &image[i], &view);
+    double off = 0;
+    for (int i = 0; i < 3 * W * H; i++) {
+      const double light = linear_of(image[0].px[i] / 255.0) * (is_shared ? 2 : 1);
+      off = fmax(off, fabs(image[1].px[i] - 255 * display_of(light)));
+    }
+    print_message("off by %.1f of 255\n", off);
+    assert_true(off < (is_shared ? 4 : 0.6));
+  }
+}
+
 TEST(test_identity_changes_nothing) {
   sv_sub_view v = lens(W, H);
   v.photometric = sv_photometry_none(&v.model);
@@ -192,6 +247,7 @@ TEST(test_rig_file) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_pictures_are_corrected), cmocka_unit_test(test_reduced_pictures),
-      cmocka_unit_test(test_identity_changes_nothing), cmocka_unit_test(test_rig_file)};
+      cmocka_unit_test(test_exposure_times_that_differ), cmocka_unit_test(test_identity_changes_nothing),
+      cmocka_unit_test(test_rig_file)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -268,6 +268,44 @@ TEST(test_bracket_and_flat) {
   assert_true(fabs(linear16(deep) - 0.3) < 5e-3); // the corner
 }
 
+static double green_of(const sv_frame *f) {
+  double sum = 0;
+  for (int i = 1; i < N; i += 3) sum += linear(f->data[i]) / (W * H);
+  return sum;
+}
+
+// Automatic exposure: of each camera by itself, or all as the first, over their responses.
+TEST(test_lock) {
+  static const char *const locks[3] = {",lock=on", ",lock=shared", ",lock=shared"};
+  for (int k = 0; k < 3; k++) {
+    char spec[200];
+    double green[3], us[3];
+    const float response[SV_SIM_CAP_CAMERAS] = {1, 1.3f, 0.7f};
+    sv_fmt(spec, sizeof spec, "room,rig=phone,size=96x72,gain=0.3,white=4500%s", locks[k]);
+    make(spec);
+    if (k == 2) sim.cfg.response = response;
+    const sv_source src = sv_sim_source(&sim);
+    sv_camera_caps caps;
+    assert_int_equal(src.caps(src.self, 1, &caps), SV_OK);
+    assert_true(caps.is_light_locked && caps.is_light_shared == (k > 0));
+    assert_int_equal(src.start(src.self), SV_OK);
+    for (int i = 0; i < 3; i++) {
+      sv_frame f;
+      assert_int_equal(src.dequeue(src.self, &f, SV_SIM_EPOCH_NS + SV_NS_PER_S), SV_OK);
+      green[f.i_camera] = green_of(&f);
+      us[f.i_camera] = (double)f.exposure_ns * 1e-3;
+      assert_int_equal(src.requeue(src.self, &f), SV_OK);
+    }
+    print_message("%s: green %.3f %.3f %.3f at %.0f %.0f %.0f us\n", locks[k], green[0], green[1], green[2],
+                  us[0], us[1], us[2]);
+    assert_true(fabs(us[0] / 4000 - (double)sv_sim_light(&sim)) < 1e-3 && us[0] > 2000 && us[0] < 16000);
+    for (int i = 0; i < 3; i++) {
+      if (i == 0 || k == 0) assert_true(fabs(green[i] - 0.18) < 0.01);
+      else assert_true(fabs(us[i] / us[0] * (k == 2 ? (double)response[i] : 1) - 1) < 1e-3);
+    }
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_ideal_by_default),
                                      cmocka_unit_test(test_light_and_color),
@@ -278,6 +316,7 @@ int main(void) {
                                      cmocka_unit_test(test_all_rigs),
                                      cmocka_unit_test(test_depth),
                                      cmocka_unit_test(test_bracket_and_flat),
+                                     cmocka_unit_test(test_lock),
                                      cmocka_unit_test(test_jpeg)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
