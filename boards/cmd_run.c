@@ -197,16 +197,16 @@ static sv_status heldout_psnr(double *psnr, int *n_views) {
   sv_odometry *odo = &run.app.odometry;
   sv_similarity q = {.s = 1};
   if (run.src.kind != SOURCE_SIM) return SV_OK;
-  // A live model of a moving scene is that of its newest exposure.
+  // A live model of a moving scene is that of its newest exposure, and of where the rig was then.
   const bool is_live = run.app.cfg.is_dynamic && run.app.cfg.is_continuous;
+  const sv_ns newest_ns = run.app.moving.last_ns;
   if (odo->is_tracked) q = sv_odometry_from(odo, &run.app.exposures, true_pose, &run.src.u.sim);
   for (int i = 0; i < SV_SIM_N_HELDOUT; i++) {
     sv_view v;
-    double t, mse;
-    sv_sim_heldout_view(&run.src.u.sim, i, SV_SIM_N_HELDOUT, &v, &t);
-    if (is_live) t = sv_ns_to_s(run.app.moving.last_ns - SV_SIM_EPOCH_NS);
-    v.time = sv_app_time_of(&run.app,
-                            is_live ? run.app.moving.last_ns : sv_sim_slot_ns(&run.src.u.sim, v.i_exposure));
+    double t = sv_ns_to_s(newest_ns - SV_SIM_EPOCH_NS), mse;
+    if (is_live) sv_sim_heldout_view_at(&run.src.u.sim, i, newest_ns, &v);
+    else sv_sim_heldout_view(&run.src.u.sim, i, SV_SIM_N_HELDOUT, &v, &t);
+    v.time = sv_app_time_of(&run.app, is_live ? newest_ns : sv_sim_slot_ns(&run.src.u.sim, v.i_exposure));
     sv_sim_render(&run.src.u.sim, &v, t, run.truth, NULL);
     reduce_truth(&v);
     if (odo->is_tracked) v = sv_odometry_view(&q, &v); // where that is in the world that was found

@@ -110,19 +110,23 @@ void sv_sim_view(const sv_sim *sim, int64_t slot, int i_sub_view, sv_view *view,
   *time_s = sv_sim_slot_time_s(sim, slot);
 }
 
-void sv_sim_heldout_view(const sv_sim *sim, int i, int n, sv_view *view, double *time_s) {
+void sv_sim_heldout_view_at(const sv_sim *sim, int i, sv_ns host_ns, sv_view *view) {
   const double distance_m = sv_sim_distance_m(&sim->cfg);
-  int64_t slot = n > 0 ? (int64_t)i * sim->cfg.n_exposures / n : 0;
   double f = i * GOLDEN, phi = ((i & 1 ? 270 : 90) + 100 * (f - floor(f) - 0.5)) * SV_PI / 180;
   double rho = HELDOUT_DEG * SV_PI / 180, s = sv_sin(rho), at[3] = {0, 0, distance_m}, up[3] = {0, -1, 0};
   double d[3] = {s * sv_cos(phi), s * sv_sin(phi), -sv_cos(rho)}, eye[3];
   for (int k = 0; k < 3; k++) eye[k] = at[k] + distance_m * d[k];
   sv_pose rig, cam;
   (void)sv_pose_look_at(&cam, eye, at, up);
-  sv_sim_rig_pose(sim, sv_sim_slot_ns(sim, slot), &rig);
+  sv_sim_rig_pose(sim, host_ns, &rig);
   cam = sv_pose_mul(&cam, &rig);
-  *view = view_of(sim, &sim->rig.sub_views[0], &cam, sv_sim_slot_ns(sim, slot));
-  view->i_exposure = (int)slot;
+  *view = view_of(sim, &sim->rig.sub_views[0], &cam, host_ns);
+  view->i_exposure = (int)slot_of(sim, host_ns);
   view->i_sub_view = -1;
+}
+
+void sv_sim_heldout_view(const sv_sim *sim, int i, int n, sv_view *view, double *time_s) {
+  const int64_t slot = n > 0 ? (int64_t)i * sim->cfg.n_exposures / n : 0;
+  sv_sim_heldout_view_at(sim, i, sv_sim_slot_ns(sim, slot), view);
   *time_s = sv_sim_slot_time_s(sim, slot);
 }

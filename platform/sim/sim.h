@@ -201,6 +201,8 @@ void sv_sim_view(const sv_sim *sim, int64_t slot, int i_sub_view, sv_view *view,
 // Held-out view i of n: the rig's first sub-view, moved 3 degrees off the rig's place in one of the
 // slots, mostly up or down, at that slot's time. Never a training view.
 void sv_sim_heldout_view(const sv_sim *sim, int i, int n, sv_view *view, double *time_s);
+// Held-out view i about where the rig is at a moment, at that moment.
+void sv_sim_heldout_view_at(const sv_sim *sim, int i, sv_ns host_ns, sv_view *view);
 
 // Noise-free image of any view at any time: rgb [height][width][3] sRGB, depth_m [height][width]
 // camera z (of a fisheye the distance), 0 = background; either may be NULL. Uses the simulator's

@@ -238,6 +238,25 @@ TEST(test_rigs) {
   }
 }
 
+TEST(held_out_views_go_with_the_rig) {
+  make("moving,rig=stereo,arc=60,exposures=5");
+  for (int k = 0; k < 12; k++) {
+    const sv_ns now_ns = sv_sim_slot_ns(&sim, k);
+    sv_pose rig;
+    sv_view v;
+    float at[3];
+    double eye[3];
+    sv_sim_rig_pose(&sim, now_ns, &rig);
+    sv_pose_centre(eye, &rig);
+    sv_sim_heldout_view_at(&sim, k, now_ns, &v);
+    sv_view_centre(at, &v);
+    const double to[3] = {(double)at[0], (double)at[1], (double)at[2]};
+    assert_near(sv_angle_between(eye, to) * 180 / SV_PI, 3, 0.01); // the scene is at the origin
+    assert_int_equal(v.i_exposure, k);
+    assert_int_equal(v.i_sub_view, -1);
+  }
+}
+
 static sv_status next_frame(sv_frame *f) {
   sv_source src = sv_sim_source(&sim);
   return src.dequeue(src.self, f, sim.now_ns + 2 * SV_NS_PER_S);
@@ -566,6 +585,7 @@ int main(void) {
       cmocka_unit_test(test_depth_is_exact),
       cmocka_unit_test(test_edges_are_antialiased),
       cmocka_unit_test(test_rigs),
+      cmocka_unit_test(held_out_views_go_with_the_rig),
       cmocka_unit_test(test_frames_match_poses),
       cmocka_unit_test(test_lenses),
       cmocka_unit_test(test_noise),
