@@ -7,9 +7,8 @@
 #include "src/format/bytes.h"
 #include "src/format/sequence_block.h"
 
-#define KIND        "SEQN"
-#define VERSION     1
-#define INDEX_BYTES 16 // uint64 place in the file, uint32 bytes, uint32 1 for a keyframe
+#define KIND    "SEQN"
+#define VERSION 1
 
 float sv_sequence_step(const sv_sequence_head *h, int row) {
   if (row >= 11) return row < SV_SEQUENCE_N_MOVED ? 1.0f / 128 : 1.0f / 64; // SH
@@ -86,11 +85,15 @@ static float unit_quaternion(float (*get)(const void *, uint32_t, int), const vo
   return n2 > 1e-30f ? q[row - 3] / sqrtf(n2) : (float)(row == 3);
 }
 
+int32_t sv_sequence_quantized(const sv_sequence_head *h, float (*get)(const void *self, uint32_t i, int row),
+                              const void *self, uint32_t i, int row) {
+  const float v = row >= 3 && row < 7 ? unit_quaternion(get, self, i, row) : get(self, i, row);
+  return sv_sequence_round(v / sv_sequence_step(h, row));
+}
+
 static int32_t quantized(const sv_sequence_writer *w, float (*get)(const void *, uint32_t, int), uint32_t i,
                          int row) {
-  const void *self = w->source.self;
-  const float v = row >= 3 && row < 7 ? unit_quaternion(get, self, i, row) : get(self, i, row);
-  return sv_sequence_round(v / sv_sequence_step(&w->head, row));
+  return sv_sequence_quantized(&w->head, get, w->source.self, i, row);
 }
 
 // What a block of up to 64 values is written as, in the form with the fewest bits.
@@ -149,20 +152,18 @@ static sv_status put_section(sv_sequence_writer *w, const char *tag, uint64_t by
 
 size_t sv_sequence_writer_bytes(const sv_sequence_head *h) {
   if (!is_good(h)) return 0;
-  return INDEX_BYTES * (size_t)h->n_frames + 2 * sizeof(int32_t) * SV_SEQUENCE_N_MOVED * (size_t)h->n_moving;
+  return SV_SEQUENCE_INDEX_BYTES * (size_t)h->n_frames +
+         2 * sizeof(int32_t) * SV_SEQUENCE_N_MOVED * (size_t)h->n_moving;
 }
 
-sv_status sv_sequence_begin(sv_sequence_writer *w, const sv_sequence_head *h,
-                            const sv_sequence_source *source, void *state, sv_sink sink, sv_err *err) {
+sv_status sv_sequence_begin_coded(sv_sequence_writer *w, const sv_sequence_head *h,
+                                  const sv_sequence_source *source, void *state, sv_sink sink, sv_err *err) {
   uint8_t head[SV_SEQUENCE_HEAD_BYTES];
   uint64_t bytes = 0;
   if (!is_good(h))
     return sv_fail(err, SV_E_ARG, "a sequence of %u Gaussians and %u frames cannot be written", h->n,
                    h->n_frames);
-  const size_t n = SV_SEQUENCE_N_MOVED * (size_t)h->n_moving;
   *w = (sv_sequence_writer){.head = *h, .source = *source, .index = state};
-  w->last[0] = (int32_t *)(void *)(w->index + INDEX_BYTES * (size_t)h->n_frames);
-  w->last[1] = w->last[0] + n;
   sv_status s = put_blocks(w, sv_sequence_n_rows(h), h->n, encode_base, &bytes, err);
   put_head(h, bytes, head);
   if (s == SV_OK) s = sv_sections_begin(&w->out, sink, KIND, VERSION, err);
@@ -171,16 +172,41 @@ sv_status sv_sequence_begin(sv_sequence_writer *w, const sv_sequence_head *h,
   return s == SV_OK ? put_section(w, "BASE", bytes, encode_base, err) : s;
 }
 
-sv_status sv_sequence_frame(sv_sequence_writer *w, sv_err *err) {
-  uint64_t bytes = 0;
-  const uint32_t n = w->head.n_moving;
-  if (w->frame >= w->head.n_frames)
-    return sv_fail(err, SV_E_ARG, "a sequence of %u frames has no more", w->head.n_frames);
-  uint8_t *entry = w->index + INDEX_BYTES * (size_t)w->frame;
-  sv_status s = put_blocks(w, SV_SEQUENCE_N_MOVED, n, encode_moved, &bytes, err);
+sv_status sv_sequence_begin(sv_sequence_writer *w, const sv_sequence_head *h,
+                            const sv_sequence_source *source, void *state, sv_sink sink, sv_err *err) {
+  sv_status s = sv_sequence_begin_coded(w, h, source, state, sink, err);
+  if (s < 0) return s;
+  w->last[0] = (int32_t *)(void *)(w->index + SV_SEQUENCE_INDEX_BYTES * (size_t)h->n_frames);
+  w->last[1] = w->last[0] + SV_SEQUENCE_N_MOVED * (size_t)h->n_moving;
+  return s;
+}
+
+static sv_status is_full(const sv_sequence_writer *w, sv_err *err) {
+  return sv_fail(err, SV_E_ARG, "a sequence of %u frames has no more", w->head.n_frames);
+}
+
+// Of the next frame, which is about to be written.
+static void put_index(sv_sequence_writer *w, uint64_t bytes) {
+  uint8_t *entry = w->index + SV_SEQUENCE_INDEX_BYTES * (size_t)w->frame;
   sv_put_le64(entry, w->at_bytes + SV_SECTIONS_HEADER_BYTES);
   sv_put_le32(entry + 8, (uint32_t)bytes);
   sv_put_le32(entry + 12, is_keyframe(&w->head, w->frame));
+}
+
+sv_status sv_sequence_put_coded(sv_sequence_writer *w, const uint8_t *data, size_t bytes, sv_err *err) {
+  if (w->frame >= w->head.n_frames) return is_full(w, err);
+  put_index(w, bytes);
+  w->frame++;
+  w->at_bytes += SV_SECTIONS_BYTES(bytes);
+  return sv_sections_put(&w->out, "FRAM", data, bytes, err);
+}
+
+sv_status sv_sequence_frame(sv_sequence_writer *w, sv_err *err) {
+  uint64_t bytes = 0;
+  const uint32_t n = w->head.n_moving;
+  if (w->frame >= w->head.n_frames) return is_full(w, err);
+  sv_status s = put_blocks(w, SV_SEQUENCE_N_MOVED, n, encode_moved, &bytes, err);
+  put_index(w, bytes);
   if (s == SV_OK) s = put_section(w, "FRAM", bytes, encode_moved, err);
   int32_t *oldest = w->last[1];
   for (int row = 0; row < SV_SEQUENCE_N_MOVED; row++)
@@ -194,7 +220,8 @@ sv_status sv_sequence_frame(sv_sequence_writer *w, sv_err *err) {
 sv_status sv_sequence_end(sv_sequence_writer *w, sv_err *err) {
   if (w->frame != w->head.n_frames)
     return sv_fail(err, SV_E_ARG, "a sequence of %u frames ends after %u", w->head.n_frames, w->frame);
-  sv_status s = sv_sections_put(&w->out, "INDX", w->index, INDEX_BYTES * (size_t)w->head.n_frames, err);
+  sv_status s =
+      sv_sections_put(&w->out, "INDX", w->index, SV_SEQUENCE_INDEX_BYTES * (size_t)w->head.n_frames, err);
   return s == SV_OK ? sv_sections_end(&w->out, err) : s;
 }
 
@@ -211,7 +238,7 @@ sv_status sv_sequence_open(sv_sequence_reader *r, const sv_file_data *file, sv_e
   if (s < 0) return s;
   r->base = base;
   r->index = index;
-  if (index_bytes != INDEX_BYTES * (size_t)r->head.n_frames)
+  if (index_bytes != SV_SEQUENCE_INDEX_BYTES * (size_t)r->head.n_frames)
     return sv_fail(err, SV_E_FORMAT, "%s: its index is not that of %u frames", file->name, r->head.n_frames);
   return SV_OK;
 }
@@ -261,7 +288,7 @@ sv_status sv_sequence_read_base(sv_sequence_reader *r, void *state, sv_err *err)
 }
 
 static sv_status read_next(sv_sequence_reader *r, sv_err *err) {
-  const uint8_t *entry = r->index + INDEX_BYTES * (size_t)++r->frame;
+  const uint8_t *entry = r->index + SV_SEQUENCE_INDEX_BYTES * (size_t)++r->frame;
   const uint64_t at = sv_le64(entry);
   const size_t bytes = sv_le32(entry + 8);
   const bool is_inside = at <= r->sections.bytes && bytes <= r->sections.bytes - (size_t)at;

@@ -19,10 +19,12 @@
 extern "C" {
 #endif
 
-#define SV_SEQUENCE_N_MOVED 14 // rows that frames change
-#define SV_SEQUENCE_GROUP   12 // frames from one keyframe to the next
-#define SV_SEQUENCE_MAX_N   4000000u
-#define SV_SEQUENCE_MAX_T   100000u
+// In the index, of a frame: uint64 place in the file, uint32 bytes, uint32 1 for a keyframe.
+#define SV_SEQUENCE_INDEX_BYTES 16
+#define SV_SEQUENCE_N_MOVED     14 // rows that frames change
+#define SV_SEQUENCE_GROUP       12 // frames from one keyframe to the next
+#define SV_SEQUENCE_MAX_N       4000000u
+#define SV_SEQUENCE_MAX_T       100000u
 
 typedef struct {
   uint32_t n, n_moving;    // Gaussians; Gaussians [0, n_moving) change
@@ -59,6 +61,10 @@ typedef struct {
   uint32_t frame;
 } sv_sequence_writer;
 
+// A value as the file holds it: the integer nearest to it in steps; quaternions get length 1.
+int32_t sv_sequence_quantized(const sv_sequence_head *h, float (*get)(const void *self, uint32_t i, int row),
+                              const void *self, uint32_t i, int row);
+
 // Bytes of a writer's state, to be aligned to 8; 0 when the head is out of range.
 size_t sv_sequence_writer_bytes(const sv_sequence_head *h);
 // Writes the base model. Then sv_sequence_frame for each of n_frames frames, then sv_sequence_end.
@@ -67,6 +73,13 @@ sv_status sv_sequence_begin(sv_sequence_writer *w, const sv_sequence_head *h,
                             const sv_sequence_source *source, void *state, sv_sink sink,
                             sv_err *err) SV_MUST_USE;
 sv_status sv_sequence_frame(sv_sequence_writer *w, sv_err *err) SV_MUST_USE;
+// The same for frames that are coded already (history.h): state of h->n_frames *
+// SV_SEQUENCE_INDEX_BYTES, and of the source the base model alone.
+sv_status sv_sequence_begin_coded(sv_sequence_writer *w, const sv_sequence_head *h,
+                                  const sv_sequence_source *source, void *state, sv_sink sink,
+                                  sv_err *err) SV_MUST_USE;
+sv_status sv_sequence_put_coded(sv_sequence_writer *w, const uint8_t *data, size_t bytes,
+                                sv_err *err) SV_MUST_USE;
 sv_status sv_sequence_end(sv_sequence_writer *w, sv_err *err) SV_MUST_USE;
 
 typedef struct {
