@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Clips of a simulated stereo rig, made by ffmpeg, become captures again: on one clock by sound,
-// flashes and creation times, with pictures within 40 dB of those that were recorded.
+// flashes and creation times, or as both eyes of a spatial video; with pictures within 40 dB of
+// those that were recorded, and the right baseline.
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "src/format/rig_file.h"
@@ -140,12 +142,184 @@ TEST(test_hostile_clips) {
          "@ import --from multicam odd --rig cap/rig --out e");
 }
 
+// --- spatial video -------------------------------------------------------------------------------
+
+#define BASELINE_UM 63876
+#define FOV_MDEG    63400
+
+static uint8_t movie[4 << 20];
+static size_t movie_bytes;
+
+static void put32(uint8_t *p, uint32_t v) {
+  for (int i = 0; i < 4; i++) p[i] = (uint8_t)(v >> (24 - 8 * i));
+}
+
+static uint32_t get32(const uint8_t *p) {
+  return (uint32_t)p[0] << 24 | (uint32_t)p[1] << 16 | (uint32_t)p[2] << 8 | p[3];
+}
+
+// A box of the content behind it, at out; its size.
+static size_t put_box(uint8_t *out, const char *type, const void *content, size_t bytes) {
+  memmove(out + 8, content, bytes);
+  put32(out, (uint32_t)bytes + 8);
+  memcpy(out + 4, type, 4);
+  return bytes + 8;
+}
+
+// A full box with one number of `bytes` bytes.
+static size_t put_number(uint8_t *out, const char *type, uint32_t v, size_t bytes) {
+  uint8_t content[8] = {0};
+  put32(content + 4, bytes == 1 ? v << 24 : v);
+  return put_box(out, type, content, 4 + bytes);
+}
+
+// vexu and hfov of a track, as Apple's extensions describe them; eyes: bits of stri.
+static size_t make_boxes(uint8_t *out, uint32_t eyes, const char *packing) {
+  uint8_t inner[200], outer[300];
+  size_t n = put_number(inner, "stri", eyes, 1), all;
+  uint8_t cams[40];
+  const size_t cams_bytes = put_number(cams, "blin", BASELINE_UM, 4);
+  n += put_box(inner + n, "cams", cams, cams_bytes);
+  all = put_box(outer, "eyes", inner, n);
+  n = put_number(inner, "prji", get32((const uint8_t *)"rect"), 4);
+  all += put_box(outer + all, "proj", inner, n);
+  if (packing) {
+    n = put_number(inner, "pkin", get32((const uint8_t *)packing), 4);
+    all += put_box(outer + all, "pack", inner, n);
+  }
+  n = put_box(out, "vexu", outer, all);
+  put32(inner, FOV_MDEG);
+  return n + put_box(out + n, "hfov", inner, 4);
+}
+
+// Adds boxes to the sample entry of the i-th track of a movie whose moov is behind its media. The
+// boxes around it grow.
+static void add_boxes(int i_track, const uint8_t *boxes, size_t bytes) {
+  static const char *const way[] = {"moov", "trak", "mdia", "minf", "stbl", "stsd", NULL};
+  size_t from = 0, to = movie_bytes, parents[8];
+  int n = 0;
+  for (; way[n]; n++) {
+    int skip = n == 1 ? i_track : 0;
+    while (memcmp(movie + from + 4, way[n], 4) != 0 || skip-- > 0) {
+      assert_true(from + 8 < to);
+      from += get32(movie + from);
+    }
+    parents[n] = from;
+    to = from + get32(movie + from);
+    from += 8;
+  }
+  parents[n++] = from + 8; // the entry, behind version, flags and count
+  const size_t end = parents[n - 1] + get32(movie + parents[n - 1]);
+  memmove(movie + end + bytes, movie + end, movie_bytes - end);
+  memcpy(movie + end, boxes, bytes);
+  movie_bytes += bytes;
+  for (int i = 0; i < n; i++) put32(movie + parents[i], get32(movie + parents[i]) + (uint32_t)bytes);
+}
+
+static void load_movie(const char *name) {
+  char path[600];
+  void *data;
+  snprintf(path, sizeof path, "%s/%s", shell.root, name);
+  assert_ok(sv_file_read(path, &data, &movie_bytes, &err), &err);
+  assert_true(movie_bytes + 1000 < sizeof movie);
+  memcpy(movie, data, movie_bytes);
+  free(data);
+}
+
+static void save_movie(const char *name) {
+  char path[600];
+  snprintf(path, sizeof path, "%s/%s", shell.root, name);
+  assert_ok(sv_file_write(path, movie, movie_bytes, &err), &err);
+}
+
+static void check_eyes(const char *out, int left, int right) {
+  char name[2][100], want[2][100];
+  double focal;
+  snprintf(name[0], 100, "%s/left/000003.png", out);
+  snprintf(name[1], 100, "%s/right/000003.png", out);
+  snprintf(want[0], 100, "cap/%s/000003.jpg", left ? "right" : "left");
+  snprintf(want[1], 100, "cap/%s/000003.jpg", right ? "right" : "left");
+  assert_psnr(psnr(name[0], want[0]), 40);
+  assert_psnr(psnr(name[1], want[1]), 40);
+  snprintf(name[0], 100, "%s/rig", out);
+  assert_near(baseline_of(name[0], &focal), BASELINE_UM * 1e-6, 1e-9);
+  assert_near(focal, 80 / tan(0.5 * FOV_MDEG * 1e-3 * 3.14159265358979 / 180), 1e-3);
+}
+
+#define BOTH                                                                                                 \
+  "ffmpeg -v error -nostdin -y -framerate 20 -i cap/left/%06d.jpg -framerate 20 -i cap/right/%06d.jpg "      \
+  "-t 0.4 "
+#define HEVC "-c:v libx265 -preset ultrafast -x265-params crf=4:log-level=error -pix_fmt yuv444p -tag:v hvc1 "
+
+TEST(test_two_tracks) {
+  uint8_t boxes[400];
+  lab_shell_need(&shell);
+  lab_shell_run_well(&shell, BOTH "-map 0 -map 1 " HEVC "two.mov");
+  expect(1, "no spatial video", "@ import --from spatial two.mov --out f");
+  load_movie("two.mov");
+  add_boxes(0, boxes, make_boxes(boxes, 1, NULL));
+  add_boxes(1, boxes, make_boxes(boxes, 2, NULL));
+  save_movie("two.mov");
+  expect(0, "8 exposures of two eyes, baseline 0.0639 m", "@ import --from spatial two.mov --out f");
+  check_eyes("f", 0, 1);
+  expect(0, "baseline 0.0200 m, focal length 100.00 px",
+         "@ import --from spatial two.mov --baseline 0.02 --focal 100 --every 0.1 --out f");
+  lab_shell_run_well(&shell, "@ import --from capture f --out f.data --quiet");
+}
+
+TEST(test_packed) {
+  uint8_t boxes[400];
+  lab_shell_need(&shell);
+  lab_shell_run_well(&shell, BOTH "-filter_complex hstack " HEVC "side.mov");
+  load_movie("side.mov");
+  add_boxes(0, boxes, make_boxes(boxes, 3 | 8, "side")); // the right eye is first
+  save_movie("side.mov");
+  expect(0, "8 exposures of two eyes", "@ import --from spatial side.mov --out g");
+  check_eyes("g", 1, 0);
+}
+
+// Layers of MV-HEVC: an ffmpeg without them is told; one that has them is asked for each view. A
+// program stands in for it, which takes view 1 from a second track.
+TEST(test_layers) {
+  uint8_t boxes[400];
+  lab_shell_need(&shell);
+  lab_shell_run_well(&shell, BOTH "-map 0 -map 1 " HEVC "layers.mov");
+  load_movie("layers.mov");
+  size_t n = make_boxes(boxes, 3, NULL);
+  n += put_box(boxes + n, "lhvC", "\1\0", 2);
+  add_boxes(0, boxes, n);
+  save_movie("layers.mov");
+  if (lab_shell_run(&shell, "ffmpeg -v error -h decoder=hevc | grep -q view_ids") != 0)
+    expect(1, "needs ffmpeg 7.1 or newer", "@ import --from spatial layers.mov --out h");
+  lab_shell_run_well(
+      &shell, "mkdir bin && printf '#!/bin/sh\\ncase \"$*\" in *decoder=hevc*) echo view_ids; exit;; "
+              "esac\\nfor a; do shift; case $a in 0:v:0:vidx:*) a=0:v:${a##*:};; esac; set -- \"$\\100\" "
+              "\"$a\"; done\\nexec '$(command -v ffmpeg)' \"$\\100\"\\n' >bin/ffmpeg && chmod +x bin/ffmpeg");
+  expect(0, "8 exposures of two eyes", "PATH=$PWD/bin:$PATH @ import --from spatial layers.mov --out h");
+  check_eyes("h", 0, 1);
+}
+
+TEST(test_hostile_movie) {
+  uint8_t boxes[400];
+  lab_shell_need(&shell);
+  lab_shell_run_well(&shell, BOTH "-map 0 -map 1 -c:v libx264 -preset ultrafast plain.mov");
+  expect(1, "No such file", "@ import --from spatial absent.mov --out i");
+  expect(1, "has no box moov", "@ import --from spatial cap/left/000000.jpg --out i");
+  load_movie("plain.mov");
+  const size_t n = make_boxes(boxes, 1, NULL);
+  put32(boxes + 8, 0x7fffffff); // eyes
+  add_boxes(0, boxes, n);
+  save_movie("odd.mov");
+  expect(1, "does not fit into the one around it", "@ import --from spatial odd.mov --out i");
+  expect(2, "--every multicam or spatial", "@ import --from capture cap --every 1 --out i");
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_sound),
-      cmocka_unit_test(test_flash),
-      cmocka_unit_test(test_container),
-      cmocka_unit_test(test_hostile_clips),
+      cmocka_unit_test(test_sound),      cmocka_unit_test(test_flash),
+      cmocka_unit_test(test_container),  cmocka_unit_test(test_hostile_clips),
+      cmocka_unit_test(test_two_tracks), cmocka_unit_test(test_packed),
+      cmocka_unit_test(test_layers),     cmocka_unit_test(test_hostile_movie),
   };
   return cmocka_run_group_tests(tests, setup, teardown);
 }

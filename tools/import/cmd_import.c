@@ -85,6 +85,7 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
     if (s == SV_OK) lab_say(se, "%s: a rig of %d cameras; 'subview run --rig' reads it", o->out, n);
     return s;
   }
+  if (sv_str_eq(o->from, "spatial")) return lab_import_spatial(o, se, err);
   if (!sv_path_is_folder(o->input) && !is_network(o))
     return sv_fail(err, SV_E_NOT_FOUND, "%s: no such folder", o->input);
   if (sv_str_eq(o->from, "4cam-board") || sv_str_eq(o->from, "qca")) {
@@ -124,8 +125,8 @@ int lab_cmd_import(const lab_options *o) {
   bool has_stream = sv_str_eq(o->from, "colmap") || sv_str_eq(o->from, "nerfstudio") ||
                     sv_str_eq(o->from, "blender") || is_network(o);
   const bool is_multicam = sv_str_eq(o->from, "multicam");
-  if ((o->clock || o->every_s > 0) && !is_multicam)
-    return lab_usage("import", "--clock and --every need --from multicam");
+  if ((o->clock || o->every_s > 0) && !is_multicam && (o->clock || !sv_str_eq(o->from, "spatial")))
+    return lab_usage("import", "--clock needs --from multicam, --every multicam or spatial");
   if (is_multicam ? o->stream || o->unit_m > 0 : !o->rig != !o->stream || (o->unit_m > 0 && !o->rig))
     return lab_usage("import", "--rig and --stream must be given together; --unit needs both");
   if (o->rig && !has_stream && !is_multicam)

@@ -88,6 +88,8 @@ sv_status lab_import_lenslet(lab_import *im, const lab_options *o, lab_session *
 sv_status lab_import_release(const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;
 // A folder of clips, one a camera -> a capture folder on one clock.
 sv_status lab_import_multicam(const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;
+// A spatial video (tools/import/spatial.h) -> a capture folder with its rig.
+sv_status lab_import_spatial(const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;
 sv_status lab_import_capture(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
 
 #endif

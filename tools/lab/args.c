@@ -194,11 +194,12 @@ static const sv_option table[] = {
     {"spz-version", SV_OPT_INT, LAB_EXPORT, 0, AT(spz_version), "N",
      "spz: 4 (zstd, newest), 3 or 2 (gzip, older viewers) (4)", 2, 4, 0},
     {"from", SV_OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from),
-     "colmap|nerfstudio|blender|vggt|megasam|dust3r|capture|multicam|lenslet|lytro|lightfield-release|"
+     "colmap|nerfstudio|blender|vggt|megasam|dust3r|capture|multicam|spatial|lenslet|lytro|lightfield-"
+     "release|"
      "4cam-board|qca|kalibr|sim",
-     "kind of the input (kalibr, dust3r: a file; vggt, megasam: a folder or .npz)", 0, 0, 0},
+     "kind of the input (kalibr, dust3r, spatial: a file; vggt, megasam: a folder or .npz)", 0, 0, 0},
     {"every", SV_OPT_REAL, LAB_IMPORT, 0, AT(every_s), "SEC",
-     "multicam: keep one exposure in so many seconds (all)", 0.001, 1e6, 0},
+     "multicam, spatial: keep one exposure in so many seconds (all)", 0.001, 1e6, 0},
     {"clock", SV_OPT_WORD, LAB_IMPORT, 0, AT(clock), "auto|sound|flash|container",
      "multicam: what tells the clips' common time: sound, changes of the light, creation times; auto: the "
      "first "
@@ -207,9 +208,10 @@ static const sv_option table[] = {
     {"keep", SV_OPT_INT, LAB_IMPORT, 0, AT(keep), "K",
      "lenslet, lytro: keep the K x K inner sub-views (7 of 10 per side)", 1, 16, 0},
     {"baseline", SV_OPT_REAL, LAB_IMPORT, 0, AT(baseline_m), "M",
-     "lenslet, lytro: baseline between sub-views in meters (0.001; lytro: from the file)", 1e-7, 10, 0},
+     "lenslet, lytro, spatial: baseline between sub-views in meters (0.001; lytro, spatial: from the file)",
+     1e-7, 10, 0},
     {"focal", SV_OPT_REAL, LAB_IMPORT, 0, AT(focal_px), "PX",
-     "lenslet, lytro: focal length in pixels (the width; lytro: from the file)", 1, 1e6, 0},
+     "lenslet, lytro, spatial: focal length in pixels (the width; lytro, spatial: from the file)", 1, 1e6, 0},
     {"focus", SV_OPT_REAL, LAB_IMPORT, 0, AT(focus_m), "M",
      "lenslet, lytro: focus distance in meters (infinity)", 1e-5, 1e6, 0},
     {"white", SV_OPT_TEXT, LAB_IMPORT, 0, AT(white), "DIR",
@@ -278,8 +280,12 @@ static int check_compare(const sv_tool_command *c, const lab_options *o) {
 // What no row can say for itself.
 static int check_together(const sv_tool_command *c, const lab_options *o) {
   bool has_optics = o->keep >= 0 || o->baseline_m >= 0 || o->focal_px >= 0 || o->focus_m >= 0;
-  if (has_optics && strcmp(o->from, "lenslet") != 0 && strcmp(o->from, "lytro") != 0)
-    return lab_usage(c->name, "--keep, --baseline, --focal and --focus need --from lenslet or lytro");
+  const bool is_grid = has_optics && (!strcmp(o->from, "lenslet") || !strcmp(o->from, "lytro"));
+  if (has_optics && !is_grid && (o->keep >= 0 || o->focus_m >= 0 || strcmp(o->from, "spatial") != 0))
+    return lab_usage(
+        c->name,
+        "--keep, --baseline, --focal and --focus need --from lenslet or lytro; --baseline and --focal "
+        "also go with spatial");
   if (o->steps >= 0 && o->time_limit_s >= 0)
     return lab_usage(c->name, "--steps and --time-limit cannot be combined");
   if (o->mask_with && !o->mask) return lab_usage(c->name, "--mask-with needs --mask");
