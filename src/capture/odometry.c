@@ -85,20 +85,32 @@ sv_status sv_odometry_init(sv_odometry *o, const sv_odometry_cfg *cfg, sv_arena 
   return SV_OK;
 }
 
-sv_status sv_odometry_add(sv_odometry *o, const sv_exposures *pool, int e) {
+typedef struct {
+  sv_odometry *odometry;
+  const sv_exposures *pool;
+} pictures;
+
+// The pictures of an exposure, until the next call.
+static const sv_image_u8 *get_pictures(void *self, int e) {
+  const pictures *p = self;
+  sv_odometry *o = p->odometry;
   sv_view view;
-  for (int i = 0; i < pool->cfg.rig->n_sub_views; i++) {
-    sv_exposures_get(pool, e, i, &o->image[i], &view);
+  for (int i = 0; i < p->pool->cfg.rig->n_sub_views; i++) {
+    sv_exposures_get(p->pool, e, i, &o->image[i], &view);
     if (o->crop[i].px) crop_image(&o->crop[i], &o->image[i]);
   }
+  return o->image;
+}
+
+sv_status sv_odometry_add(sv_odometry *o, const sv_exposures *pool, int e) {
   if (o->tracker.n_exposures == 0) o->start_ns = pool->exposure[e].time_ns;
   sv_tracker_set_time(&o->tracker, sv_ns_to_s(pool->exposure[e].time_ns - o->start_ns));
-  return sv_tracker_add(&o->tracker, o->image);
+  return sv_tracker_add(&o->tracker, get_pictures(&(pictures){o, pool}, e));
 }
 
 void sv_odometry_finish(sv_odometry *o, sv_exposures *pool) {
   sv_track_summary *s = &o->summary;
-  sv_tracker_finish(&o->tracker, s);
+  sv_tracker_finish(&o->tracker, &(sv_track_pictures){&(pictures){o, pool}, get_pictures}, s);
   // Of a rig that stands, exposures that show something else are left out, not taken from the same
   // place.
   const bool is_whole = s->is_still && s->n_placed == s->n_exposures;

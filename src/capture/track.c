@@ -25,10 +25,11 @@ static void log_odometry(sv_capture_side *c, const sv_odometry *o) {
   }
   char scale[32] = "unknown";
   if (s->scale_sigma >= 0) sv_fmt(scale, sizeof scale, "+- %.2f %%", 100 * s->scale_sigma);
-  sv_capture_side_log(
-      c, SV_LOG_INFO,
-      "odometry: located %d of %d exposures over a %.2f m path, %d points, reprojection %.2f px, scale %s",
-      s->n_placed, s->n_exposures, s->path_m, s->n_points, s->rms_px, scale);
+  sv_capture_side_log(c, SV_LOG_INFO,
+                      "odometry: located %d of %d exposures over a %.2f m path, %d points (%d times seen "
+                      "again), reprojection "
+                      "%.2f px, scale %s",
+                      s->n_placed, s->n_exposures, s->path_m, s->n_points, s->n_seen_again, s->rms_px, scale);
   if (s->n_placed < s->n_exposures)
     sv_capture_side_log(
         c, SV_LOG_WARN,

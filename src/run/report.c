@@ -162,11 +162,12 @@ static void add_odometry(sv_str *s, const sv_app *app) {
   if (unit.is_metric) sv_str_add(s, "  \"unit\": \"m\",\n");
   if (unit.scale_sigma > 0) sv_str_add(s, "  \"scale_sigma\": %.3g,\n", (double)unit.scale_sigma);
   if (!o->is_on || !m->n_exposures) return;
-  sv_str_add(s,
-             "  \"odometry\": {\"is_still\": %s, \"is_tracked\": %s, \"exposures\": %d, \"placed\": %d, "
-             "\"points\": %d, \"path_m\": %.4f, \"rms_px\": %.3f, \"scale_sigma\": %.5f},\n",
-             m->is_still ? "true" : "false", o->is_tracked ? "true" : "false", m->n_exposures, m->n_placed,
-             m->n_points, m->path_m, m->rms_px, m->scale_sigma);
+  sv_str_add(
+      s,
+      "  \"odometry\": {\"is_still\": %s, \"is_tracked\": %s, \"exposures\": %d, \"placed\": %d, "
+      "\"points\": %d, \"seen_again\": %d, \"path_m\": %.4f, \"rms_px\": %.3f, \"scale_sigma\": %.5f},\n",
+      m->is_still ? "true" : "false", o->is_tracked ? "true" : "false", m->n_exposures, m->n_placed,
+      m->n_points, m->n_seen_again, m->path_m, m->rms_px, m->scale_sigma);
 }
 
 // The histogram has steps of a quarter of an octave: the largest skew of each, and how many

@@ -107,9 +107,7 @@ static void expect(const sv_tracker *t, const sv_track_point *p, int v, const sv
   uv[1] += (float)(b[1] - a[1]);
 }
 
-// Aligns coarse to fine from image to image, then against the patch of the first detection.
-static bool follow_one(sv_tracker *t, const sv_track_point *p, int v, const float from[2], float uv[2],
-                       float warp[4]) {
+bool sv_track_follow_patch(sv_tracker *t, int i_ref, int v, const float from[2], float uv[2], float warp[4]) {
   for (int l = t->n_levels[v] - 1; l >= 0; l--) {
     sv_track_plane was = sv_track_level(t, false, v, l), now = sv_track_level(t, true, v, l);
     float k = 1.0f / (float)(1 << l), x = uv[0] * k, y = uv[1] * k;
@@ -129,12 +127,8 @@ static bool follow_one(sv_tracker *t, const sv_track_point *p, int v, const floa
       uv[1] = y * (float)(1 << l);
     }
   }
-  memcpy(warp, p->warp[v], sizeof p->warp[v]);
-  return sv_track_align_affine(t, p->i_ref, v, uv, warp) >= FOLLOW_CORR;
-}
-
-static bool is_masked(const sv_tracker *t, int v, const float uv[2]) {
-  return !sv_image_counts(&t->image[v], 1, (int)uv[0], (int)uv[1]);
+  return sv_track_align_affine(t, i_ref, v, uv, warp) >= FOLLOW_CORR &&
+         sv_image_counts(&t->image[v], 1, (int)uv[0], (int)uv[1]);
 }
 
 void sv_track_follow(sv_tracker *t, const sv_pose *guess) {
@@ -147,8 +141,8 @@ void sv_track_follow(sv_tracker *t, const sv_pose *guess) {
       const sv_track_obs *o = &t->obs[p->now[v]];
       sv_track_candidate c = {t->live[i], v, {o->uv_px[0], o->uv_px[1]}, o->sigma_px, {0}};
       expect(t, p, v, guess, depth, c.uv_px);
-      if (follow_one(t, p, v, o->uv_px, c.uv_px, c.warp) && !is_masked(t, v, c.uv_px))
-        t->found[t->n_found++] = c;
+      memcpy(c.warp, p->warp[v], sizeof c.warp);
+      if (sv_track_follow_patch(t, p->i_ref, v, o->uv_px, c.uv_px, c.warp)) t->found[t->n_found++] = c;
     }
   }
 }
@@ -223,9 +217,8 @@ static void times(const float a[4], float k, float out[4]) {
   for (int i = 0; i < 4; i++) out[i] = k * a[i];
 }
 
-// Takes the patch at a position as reference, one pixel in 2^level.
-static bool take_ref(sv_tracker *t, int i_ref, int v, const float uv[2], int level) {
-  sv_track_plane p = sv_track_level(t, true, v, level);
+bool sv_track_take_ref(sv_tracker *t, bool is_now, int i_ref, int v, const float uv[2], int level) {
+  sv_track_plane p = sv_track_level(t, is_now, v, level);
   float k = 1.0f / (float)(1 << level);
   sv_patch_take_args a = {.src = p.px,
                           .width_px = p.width_px,
@@ -320,7 +313,7 @@ static bool bear(sv_tracker *t, int v, const float uv[2]) {
   if (i < 0) return false;
   sv_track_point *p = &t->point[i];
   // a coarse patch may cross the border
-  while (!take_ref(t, p->i_ref, v, uv, level) && level > 0) level--;
+  while (!sv_track_take_ref(t, true, p->i_ref, v, uv, level) && level > 0) level--;
   float space = (float)(1 << level), own[4] = {space, 0, 0, space};
   memcpy(p->warp[v], own, sizeof own);
   (void)sv_track_add_obs(t, i, t->n_exposures - 1, v, uv, space);

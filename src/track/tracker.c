@@ -86,8 +86,9 @@ static void carve_lists(sv_tracker *t, sv_arena *a) {
   t->has_way = SV_TAKE(a, bool, t->cfg.cap_exposures);
   t->bundle_point = SV_TAKE(a, int32_t, t->cap_points);
   t->bundle_obs = SV_TAKE(a, int32_t, t->cap_obs);
+  t->key_before = SV_TAKE(a, sv_pose, SV_TRACK_CAP_BUNDLE);
   t->patch = SV_TAKE(a, sv_patch, 2);
-  t->ref = SV_TAKE(a, sv_track_ref, t->cap_refs);
+  t->ref = SV_TAKE(a, sv_track_ref, t->cap_refs + 1);
   t->free_ref = SV_TAKE(a, int32_t, t->cap_refs);
   for (int i = 0; t->free_ref && i < t->cap_refs; i++) t->free_ref[t->n_free_refs++] = i;
   t->place_x = SV_TAKE(a, float, SV_TRACK_CAP_PLACES);
@@ -195,14 +196,12 @@ static double way_from_origin(sv_tracker *t) {
   return way_of(t, n);
 }
 
-// Locates the rig from tracked points. Returns the number of inliers, 0 when there are too few.
-static int place(sv_tracker *t, sv_pose *pose) {
-  const int e = t->n_exposures - 1;
+int sv_track_place(sv_tracker *t, int e, sv_pose *pose) {
   sv_pose_problem p = {.cameras = t->cam,
                        .matches = t->match,
                        .limit_px = LIMIT_PX,
                        .n_samples = N_SAMPLES,
-                       .rng = sv_rng_make(t->cfg.seed, (uint64_t)t->n_exposures),
+                       .rng = sv_rng_make(t->cfg.seed, (uint64_t)e + 1),
                        .solver = t->cfg.solver.absolute ? &t->cfg.solver : NULL};
   if (t->cfg.row_time) { // as it went on to where it is expected
     t->pose[e] = *pose;
@@ -268,14 +267,14 @@ static bool find_again(sv_tracker *t, sv_pose *pose) {
   sv_track_follow(t, &guess);
   double way = way_from_start(t);
   *pose = guess;
-  int n = place(t, pose);
+  int n = sv_track_place(t, t->n_exposures - 1, pose);
   if (n == 0 && t->i_before >= 0) { // it did not go on like that: from where it was
     guess = t->pose[t->i_last];
     sv_track_follow(t, &guess);
     double again = way_from_start(t);
     if (way < 0 || (again >= 0 && again < way)) way = again;
     *pose = guess;
-    n = place(t, pose);
+    n = sv_track_place(t, t->n_exposures - 1, pose);
   }
   if (way < 0 && n > 0) way = way_from_origin(t);
   t->has_way[t->n_exposures - 1] = way >= 0;
@@ -321,7 +320,7 @@ sv_status sv_tracker_add(sv_tracker *t, const sv_image_u8 *image) {
       sv_track_rematch(t);
       sv_track_new_points(t);
       int n = sv_mini(e + 1, WINDOW + WINDOW_HELD);
-      (void)sv_track_adjust(t, e + 1 - n, n, n - WINDOW > 1 ? n - WINDOW : 1,
+      (void)sv_track_adjust(t, &(sv_track_part){e + 1 - n, n, 1, n - WINDOW > 1 ? n - WINDOW : 1, 0},
                             t->cfg.row_time ? ROLLING_ITER : WINDOW_ITER, false);
     }
   }
@@ -350,15 +349,53 @@ static double path_length(const sv_tracker *t) {
   return sum;
 }
 
-// All exposures at once, or as many as fit, each part held by the end of the last.
+// Of more exposures than are adjusted together, every so many-th: those, the keys, are adjusted
+// together first, and close the loops. 0: all are. The motion of rolling shutters comes from the
+// exposures beside each, so that there they are adjusted in parts alone.
+static int key_step(const sv_tracker *t) {
+  const int n = t->n_exposures, cap = SV_TRACK_CAP_BUNDLE;
+  return n > cap && !t->cfg.row_time ? (n + cap - 1) / cap : 0;
+}
+
+// What the adjustment of the key before an exposure did to the world: the world as it is now from
+// the one before.
+static sv_pose correction(const sv_tracker *t, int e, int step) {
+  int i_key = e / step;
+  while (i_key > 0 && !t->is_placed[i_key * step]) i_key--;
+  const sv_pose back = sv_pose_inv(&t->pose[i_key * step]);
+  return sv_pose_mul(&back, &t->key_before[i_key]);
+}
+
+static void adjust_keys(sv_tracker *t, const sv_track_part *keys) {
+  const int step = keys->step;
+  for (int i = 0; i < keys->n; i++) t->key_before[i] = t->pose[i * step];
+  (void)sv_track_adjust(t, keys, FINAL_ITER, false);
+  // Exposures between keys, and the points that no two keys see, go with the key before them.
+  for (int e = 0; e < t->n_exposures; e++) {
+    const sv_pose now = correction(t, e, step), was = sv_pose_inv(&now);
+    if (e % step != 0) t->pose[e] = sv_pose_mul(&t->pose[e], &was);
+  }
+  for (int i = 0, at = 0; i < t->n_points; i++) {
+    sv_track_point *p = &t->point[i];
+    const bool is_adjusted = at < t->bundle.n_points && t->bundle_point[at] == i;
+    if (is_adjusted) at++;
+    if (is_adjusted || !p->has_depth) continue;
+    const sv_pose now = correction(t, t->obs[p->first_obs].i_exposure, step);
+    sv_pose_apply(p->x, &now, (const double[3]){p->x[0], p->x[1], p->x[2]});
+  }
+}
+
+// All exposures at once; or the keys, and then as many as fit, each part held by the keys and by
+// the end of the last.
 static void adjust_all(sv_tracker *t, sv_track_summary *out) {
-  int n = t->n_exposures, cap = SV_TRACK_CAP_BUNDLE, held = cap / 6;
+  const int n = t->n_exposures, cap = SV_TRACK_CAP_BUNDLE, held = cap / 6, step = key_step(t);
+  const sv_track_part keys = {0, step ? (n + step - 1) / step : 0, step, 1, 0};
   for (int round = 0; round < FINAL_ROUNDS; round++) {
     double sum = 0, n_obs = 0;
+    if (step) adjust_keys(t, &keys);
     for (int at = 0; at == 0 || at + held < n; at += cap - held) {
-      int size = sv_mini(cap, n - at);
-      bool is_free = t->cfg.has_extrinsics && n <= cap;
-      sv_bundle_result r = sv_track_adjust(t, at, size, at ? held : 1, FINAL_ITER, is_free);
+      const sv_track_part part = {at, sv_mini(cap, n - at), 1, at ? held : 1, step};
+      sv_bundle_result r = sv_track_adjust(t, &part, FINAL_ITER, t->cfg.has_extrinsics && n <= cap);
       sum += r.n_obs * r.rms_px * r.rms_px;
       n_obs += r.n_obs;
     }
@@ -366,8 +403,9 @@ static void adjust_all(sv_tracker *t, sv_track_summary *out) {
   }
   // The scale is one: what the part knows that knows it best. Held poses would seem to know it
   // exactly.
+  out->scale_sigma = step && t->n_views > 1 ? sv_track_scale_sigma(t, &keys) : -1;
   for (int at = 0; t->n_views > 1 && (at == 0 || at + held < n); at += cap - held) {
-    double sigma = sv_track_scale_sigma(t, at, sv_mini(cap, n - at));
+    double sigma = sv_track_scale_sigma(t, &(sv_track_part){at, sv_mini(cap, n - at), 1, 1, 0});
     if (sigma >= 0 && (out->scale_sigma < 0 || sigma < out->scale_sigma)) out->scale_sigma = sigma;
   }
   // Points that were followed without depth may have one now, for the cloud.
@@ -384,17 +422,20 @@ static void stand_still(sv_tracker *t, sv_track_summary *out) {
     t->is_placed[i] = t->has_way[i];
   }
   for (int round = 0; round < FINAL_ROUNDS; round++)
-    out->rms_px = sv_track_adjust(t, 0, n, n, FINAL_ITER, false).rms_px;
+    out->rms_px = sv_track_adjust(t, &(sv_track_part){0, n, 1, n, 0}, FINAL_ITER, false).rms_px;
 }
 
-void sv_tracker_finish(sv_tracker *t, sv_track_summary *out) {
+void sv_tracker_finish(sv_tracker *t, const sv_track_pictures *again, sv_track_summary *out) {
   memset(out, 0, sizeof *out);
   out->n_exposures = t->n_exposures;
   out->still_px = t->still_px;
   out->is_still = t->i_last >= 0 && t->is_placed[0] && t->still_px >= 0 && t->still_px < STILL_PX;
   out->scale_sigma = -1;
   if (out->is_still) stand_still(t, out);
-  else if (t->i_last >= 0) adjust_all(t, out);
+  else if (t->i_last >= 0) {
+    if (again) out->n_seen_again = sv_track_close_loops(t, again);
+    adjust_all(t, out);
+  }
   sv_track_find_motion(t, 0, t->n_exposures);
   for (int i = 0; i < t->n_exposures; i++) out->n_placed += t->is_placed[i];
   for (int i = 0; i < t->n_points; i++) out->n_points += t->point[i].has_depth;

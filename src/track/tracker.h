@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Odometry of a rig: where it was for each exposure of a casual, handheld capture, one after the
-// other and without loops, and the points it saw. The world is the rig's frame at the first
+// other, and the points it saw. The world is the rig's frame at the first
 // exposure that could be placed; metres come from the rig's own baseline.
 //
 // Corners (Shi and Tomasi) are tracked from exposure to exposure as patches, coarse to fine, and
@@ -8,7 +8,8 @@
 // views and at all times, is said by the one patch with which it was found, seen through an affine
 // map: surfaces turn by several degrees from one exposure to the next, and comparing without it
 // would slide along them. Points that are known place the rig (sv_pose_find); the last exposures
-// are adjusted together each time (sv_bundle), all of them at the end. Everything is carved at
+// are adjusted together each time (sv_bundle), all of them at the end, with points that the rig
+// saw again after it had lost them. Everything is carved at
 // start and nothing depends on time or threads: the same bits on every machine.
 #ifndef SV_TRACK_TRACKER_H
 #define SV_TRACK_TRACKER_H
@@ -80,6 +81,7 @@ typedef struct { // grey pyramid of one picture
 
 typedef struct {
   int n_exposures, n_placed, n_points; // points with depth
+  int n_seen_again;                    // observations of points after they had been lost
   bool is_still;      // nothing moved in the pictures: all poses are the same, and placed is what
                       // tells a way
   double still_px;    // the largest way from exposure 0 that three of ten places keep within, -1:
@@ -106,7 +108,8 @@ typedef struct {
   sv_corner *corner; // [cells of the largest picture]
   int32_t *order;    // [the same]
   sv_patch *patch;   // [2] one to compare with, one to compare
-  sv_track_ref *ref; // [cap_refs] what live points looked like when they were found
+  // [cap_refs + 1] what live points looked like when they were found; the last is of no point
+  sv_track_ref *ref;
   int32_t *free_ref; // [cap_refs] stack of free ones
   int n_free_refs, cap_refs;
   float *place_x, *place_y, (*sums)[5]; // [SV_TRACK_CAP_PLACES] along an epipolar line
@@ -133,6 +136,7 @@ typedef struct {
   int n_exposures, i_last, i_before; // the exposures placed last, -1: none
   sv_bundle bundle;
   int32_t *bundle_point, *bundle_obs; // [cap] where the bundle's came from
+  sv_pose *key_before;                // [SV_TRACK_CAP_BUNDLE] of the keys, before their adjustment
   double still_px;                    // so far, -1: no exposure tells a way
   uint64_t n_full;                    // points or observations that found no room
 } sv_tracker;
@@ -153,8 +157,16 @@ void sv_tracker_set_time(sv_tracker *t, double time_s);
 // next is tried from there); E_FULL beyond cap_exposures, E_RANGE for a picture of another size.
 sv_status sv_tracker_add(sv_tracker *t, const sv_image_u8 *image) SV_MUST_USE;
 
-// Adjusts everything together and sums up.
-void sv_tracker_finish(sv_tracker *t, sv_track_summary *out);
+// The pictures of exposures once more: get returns those of an exposure, [rig->n_sub_views], as
+// sv_tracker_add got them, which stay until the next call.
+typedef struct {
+  void *self;
+  const sv_image_u8 *(*get)(void *self, int i_exposure);
+} sv_track_pictures;
+
+// Finds places that were seen again (not when `again` is NULL), adjusts everything together and
+// sums up.
+void sv_tracker_finish(sv_tracker *t, const sv_track_pictures *again, sv_track_summary *out);
 
 // --- between the files of this folder ------------------------------------------------------------
 #define SV_TRACK_CAP_PLACES 512
@@ -181,6 +193,17 @@ float sv_track_spacing(const float warp[4]);  // mean pixels of the view for one
 // Follows all live points from the exposure placed last into t->found, starting where `guess` sees
 // them (points.c).
 void sv_track_follow(sv_tracker *t, const sv_pose *guess);
+// Takes the patch at a position of a view as a reference, one pixel in 2^level. False at a border.
+bool sv_track_take_ref(sv_tracker *t, bool is_now, int i_ref, int i_view, const float uv_px[2], int level);
+// Aligns coarse to fine from a position in a view's last picture to one in its picture of now, then
+// against the reference patch, from warp. False: lost, or in a mask.
+bool sv_track_follow_patch(sv_tracker *t, int i_ref, int i_view, const float from_px[2], float uv_px[2],
+                           float warp[4]);
+// Locates the rig at an exposure from t->found, whose outliers get sigma 0. Returns the number of
+// inliers, 0 when there are too few.
+int sv_track_place(sv_tracker *t, int i_exposure, sv_pose *pose);
+// Points that were lost and seen again get observations. Returns how many (loops.c).
+int sv_track_close_loops(sv_tracker *t, const sv_track_pictures *pictures);
 // A corner of view a whose depth along its ray is between two bounds, and its match in view b.
 typedef struct {
   int i_view;
@@ -216,12 +239,16 @@ void sv_track_rematch(sv_tracker *t);
 bool sv_track_triangulate(sv_tracker *t, sv_track_point *p);
 int32_t sv_track_add_obs(sv_tracker *t, int32_t i_point, int i_exposure, int i_view, const float uv_px[2],
                          float sigma_px); // -1: full
-// Adjusts exposures [first, first + n), those before first + n_fixed and unplaced ones held
-// (window.c).
-sv_bundle_result sv_track_adjust(sv_tracker *t, int first, int n, int n_fixed, int max_iterations,
+// Exposures first, first + step, ..., n of them. The first n_fixed of them, those whose number
+// divides by key_step (0: none), and unplaced ones are held.
+typedef struct {
+  int first, n, step, n_fixed, key_step;
+} sv_track_part;
+// Adjusts a part of the exposures together (window.c).
+sv_bundle_result sv_track_adjust(sv_tracker *t, const sv_track_part *part, int max_iterations,
                                  bool is_extrinsics);
-// How well exposures [first, first + n) tell the scale by themselves: sv_bundle_scale_sigma.
-double sv_track_scale_sigma(sv_tracker *t, int first, int n);
+// How well a part tells the scale by itself: sv_bundle_scale_sigma.
+double sv_track_scale_sigma(sv_tracker *t, const sv_track_part *part);
 
 #ifdef __cplusplus
 }

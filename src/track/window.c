@@ -24,16 +24,21 @@ static double size_of_rig(const sv_tracker *t) {
   return largest;
 }
 
-// Observations of a point within the window into the bundle. Returns how many.
-static int gather(sv_tracker *t, const sv_track_point *p, int first, int n, int at) {
+// Where an exposure is in a part, -1: it is not.
+static int place_in(const sv_track_part *part, int e) {
+  const int way = e - part->first;
+  return way >= 0 && way % part->step == 0 && way / part->step < part->n ? way / part->step : -1;
+}
+
+// Observations of a point within the part into the bundle. Returns how many.
+static int gather(sv_tracker *t, const sv_track_point *p, const sv_track_part *part, int at) {
   sv_bundle *b = &t->bundle;
   int count = 0;
   for (int32_t i = p->first_obs; i >= 0; i = t->obs[i].next) {
     const sv_track_obs *o = &t->obs[i];
-    if (o->i_exposure < first || o->i_exposure >= first + n || o->sigma_px <= 0 ||
-        !t->is_placed[o->i_exposure])
-      continue;
-    b->obs[at + count] = (sv_bundle_obs){(int16_t)(o->i_exposure - first),
+    const int i_pose = place_in(part, o->i_exposure);
+    if (i_pose < 0 || o->sigma_px <= 0 || !t->is_placed[o->i_exposure]) continue;
+    b->obs[at + count] = (sv_bundle_obs){(int16_t)i_pose,
                                          o->i_view,
                                          {o->uv_px[0], o->uv_px[1]},
                                          1.0f / o->sigma_px,
@@ -43,19 +48,20 @@ static int gather(sv_tracker *t, const sv_track_point *p, int first, int n, int 
   return count;
 }
 
-static void fill(sv_tracker *t, int first, int n, int n_fixed) {
+static void fill(sv_tracker *t, const sv_track_part *part) {
   sv_bundle *b = &t->bundle;
   int n_obs = 0;
   bool has_fixed = false;
-  b->n_poses = n;
+  b->n_poses = part->n;
   b->n_cameras = t->n_views;
   b->n_points = 0;
-  for (int i = 0; i < n; i++) {
-    b->pose[i] = t->pose[first + i];
-    if (t->cfg.row_time) sv_track_beside(t, first, n, i, b->beside[i], b->slope[i]);
-    b->is_fixed[i] = i < n_fixed || !t->is_placed[first + i];
+  for (int i = 0; i < part->n; i++) {
+    const int e = part->first + i * part->step;
+    b->pose[i] = t->pose[e];
+    if (t->cfg.row_time) sv_track_beside(t, part->first, part->n, i, b->beside[i], b->slope[i]);
+    b->is_fixed[i] = i < part->n_fixed || !t->is_placed[e] || (part->key_step > 0 && e % part->key_step == 0);
     // the world's place
-    if (!has_fixed && t->is_placed[first + i]) has_fixed = b->is_fixed[i] = true;
+    if (!has_fixed && t->is_placed[e]) has_fixed = b->is_fixed[i] = true;
   }
   for (int i = 0; i < t->n_views; i++) {
     b->camera[i] = t->cam[i];
@@ -63,8 +69,8 @@ static void fill(sv_tracker *t, int first, int n, int n_fixed) {
   }
   for (int i = 0; i < t->n_points; i++) {
     const sv_track_point *p = &t->point[i];
-    if (!p->has_depth || (p->last_obs >= 0 && t->obs[p->last_obs].i_exposure < first)) continue;
-    int found = gather(t, p, first, n, n_obs);
+    if (!p->has_depth || (p->last_obs >= 0 && t->obs[p->last_obs].i_exposure < part->first)) continue;
+    int found = gather(t, p, part, n_obs);
     if (found < 2) continue;
     memcpy(b->point[b->n_points], p->x, sizeof p->x);
     t->bundle_point[b->n_points] = i;
@@ -129,11 +135,11 @@ static double moving_limit(const sv_bundle *b, int n_enough) {
 
 // Takes the results over; observations that do not fit are given up, those of points that move
 // all, and points that keep fewer than two.
-static void take_back(sv_tracker *t, int first) {
+static void take_back(sv_tracker *t, const sv_track_part *part) {
   sv_bundle *b = &t->bundle;
   const double limit = moving_limit(b, t->cfg.n_features / 2);
-  for (int i = 0; i < b->n_poses; i++) t->pose[first + i] = b->pose[i];
-  sv_track_find_motion(t, first, b->n_poses);
+  for (int i = 0; i < part->n; i++) t->pose[part->first + i * part->step] = b->pose[i];
+  sv_track_find_motion(t, part->first, part->n * part->step);
   for (int i = 0; i < t->n_views; i++) t->cam[i].cam_from_rig = b->camera[i].cam_from_rig;
   for (int i = 0; i < b->n_points; i++) {
     sv_track_point *p = &t->point[t->bundle_point[i]];
@@ -158,18 +164,18 @@ static sv_bundle_options options(const sv_tracker *t, int max_iterations, bool i
                              .sigma_trans_m = SIGMA_TRANS * size_of_rig(t)};
 }
 
-sv_bundle_result sv_track_adjust(sv_tracker *t, int first, int n, int n_fixed, int max_iterations,
+sv_bundle_result sv_track_adjust(sv_tracker *t, const sv_track_part *part, int max_iterations,
                                  bool is_extrinsics) {
   sv_bundle_result r = {0};
   sv_bundle_options o = options(t, max_iterations, is_extrinsics);
-  fill(t, first, n, n_fixed);
+  fill(t, part);
   if (t->bundle.n_points < 4 || sv_bundle_solve(&t->bundle, &o, &r) < 0) return r;
-  take_back(t, first);
+  take_back(t, part);
   return r;
 }
 
-double sv_track_scale_sigma(sv_tracker *t, int first, int n) {
+double sv_track_scale_sigma(sv_tracker *t, const sv_track_part *part) {
   sv_bundle_options o = options(t, 0, false);
-  fill(t, first, n, 1);
+  fill(t, part);
   return sv_bundle_scale_sigma(&t->bundle, &o);
 }

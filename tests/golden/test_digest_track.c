@@ -48,7 +48,7 @@ static uint64_t digest(uint32_t isa_mask) {
     }
     assert_int_equal(sv_tracker_add(&tracker, image), SV_OK);
   }
-  sv_tracker_finish(&tracker, &sum);
+  sv_tracker_finish(&tracker, NULL, &sum);
   assert_int_equal(sum.n_placed, N);
   uint64_t h = fold(14695981039346656037ull, tracker.pose, N * sizeof *tracker.pose);
   for (int i = 0; i < tracker.n_points; i++)

@@ -260,7 +260,7 @@ static int run(const cal_options *o) {
   if (s >= 0) s = open_tracker(&err);
   if (s >= 0) s = track(o, &n, &err);
   if (s < 0) return fail(&err);
-  sv_tracker_finish(p.tracker, &m);
+  sv_tracker_finish(p.tracker, NULL, &m);
   if (stopped(&err) < 0) return fail(&err);
   if (!m.is_still && m.n_placed < 2) {
     s = sv_fail(&err, SV_E_NOT_FOUND,
