@@ -103,6 +103,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .is_continuous = o->is_continuous,
                   .is_dynamic = o->is_dynamic,
                   .exposure_s = o->exposure_s,
+                  .history_s = o->is_dynamic && o->is_continuous ? o->history_s : 0,
                   .preview_every_s = 2,
                   .capture_timeout_ns = 10 * SV_NS_PER_S,
                   .train = sv_train_defaults(),

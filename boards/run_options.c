@@ -9,6 +9,7 @@
 #include "src/prior/methods.h"
 
 #define AT(field) offsetof(run_options, field)
+#define HISTORY_S 10 // of a live run, where nothing else is said
 
 static const sv_option rows[] = {
     {"source", SV_OPT_TEXT, 1, 1, AT(source), "S",
@@ -19,6 +20,10 @@ static const sv_option rows[] = {
      NULL},
     {"exposure-time", SV_OPT_REAL, 1, 0, AT(exposure_s), "SEC",
      "with --scene dynamic and --live: training time of each exposure [0.1]", 0.01, 3600, NULL},
+    {"history", SV_OPT_REAL, 1, 0, AT(history_s), "SEC",
+     "with --scene dynamic and --live: seconds of the past that are kept and saved as model.svseq; 0: none "
+     "[10]",
+     0, 3600, NULL},
     {"exposures", SV_OPT_INT, 1, 0, AT(exposures), "N",
      "exposures to capture and train on [" TEXT_OF(BOARD_EXPOSURES) "]", 1, 10000, NULL},
     {"every", SV_OPT_TEXT, 1, 0, AT(every), "SEC",
@@ -52,7 +57,10 @@ static const sv_option rows[] = {
     {"gaussians", SV_OPT_INT, 1, 0, AT(gaussians), "N",
      "number of Gaussians, fixed for the run [" TEXT_OF(BOARD_GAUSSIANS) "]", 1, 4000000, NULL},
     {"sh", SV_OPT_INT, 1, 0, AT(sh), "D",
-     "degree of the color's spherical harmonics [" TEXT_OF(BOARD_SH_DEGREE) "]", 0, 3, NULL},
+     "degree of the color's spherical harmonics [" TEXT_OF(
+         BOARD_SH_DEGREE) "; 0 with --scene dynamic and "
+                          "--live, whose history has degree 0]",
+     0, 3, NULL},
     {"optimizer", SV_OPT_TEXT, 1, 0, AT(optimizer), "NAME",
      "adam or gauss-newton [gauss-newton; adam where lens images overlap]", 0, 0, NULL},
     {"prior", SV_OPT_TEXT, 1, 0, AT(prior), "METHOD",
@@ -201,6 +209,10 @@ static int check(run_options *o) {
     return usage_error("run", "--every %s: expected a number of seconds from 0 to 3600, or motion", o->every);
   if (o->is_by_motion && o->is_continuous)
     return usage_error("run", "--every motion: not with --live; give a number of seconds");
+  if (o->history_s > 0 && !(o->is_dynamic && o->is_continuous))
+    return usage_error("run", "--history: only with --scene dynamic and --live");
+  if (o->history_s < 0) o->history_s = HISTORY_S;
+  if (o->sh < 0) o->sh = o->is_dynamic && o->is_continuous ? 0 : BOARD_SH_DEGREE;
   o->i_sync = sync_mode_of(o->sync);
   if (o->i_sync < 0) return usage_error("run", "--sync %s: expected free, frame-length or trigger", o->sync);
   o->i_optimizer = o->optimizer ? sv_optimizer_by_name(o->optimizer) : -1;
@@ -253,7 +265,8 @@ static const sv_tool_command command = {
 int run_options_parse(int argc, char **argv, run_options *o) {
   *o = (run_options){.exposures = BOARD_EXPOSURES,
                      .gaussians = BOARD_GAUSSIANS,
-                     .sh = BOARD_SH_DEGREE,
+                     .sh = -1,
+                     .history_s = -1,
                      .scale = 1,
                      .skew_ms = 20,
                      .capture_cpu = "auto",

@@ -12,7 +12,7 @@ typedef struct {
       *display, *config, *capture_cpu;
   long exposures, steps, gaussians, sh, threads, seed, skew_ms, orbit, keep;
   double time_limit, save_every, picture_every;
-  double exposure_s;
+  double exposure_s, history_s;
   const char *shutter; // auto or global
   const char *every;   // NULL: as the source suits
   double hold_out, arc_deg;

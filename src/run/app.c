@@ -71,14 +71,21 @@ static bool is_handheld(const sv_app_cfg *c) {
   return c->is_tracking && sv_odometry_can(c->rig, c->n_exposures);
 }
 
+static size_t history_state(const sv_app_cfg *c) {
+  const sv_history_cfg h = sv_app_history_cfg(c);
+  return sv_history_state_bytes(&h);
+}
+
 // Of the start: the driver's, and before it the views in a row. At the end: a sequence's.
 static size_t scratch_bytes(const sv_app_cfg *c, const sv_train_cfg *t) {
   const size_t start = sv_driver_scratch_bytes(t, t->n_gaussians),
                views =
                    (size_t)c->n_exposures * (size_t)c->rig->n_sub_views * sizeof(sv_view) + SV_ARENA_ALIGN;
   const size_t most = start > views ? start : views,
-               sequence =
-                   sv_app_has_sequence(c) ? sv_deform_sequence_bytes(t->n_gaussians, sv_app_n_frames(c)) : 0;
+               sequence = sv_app_has_history(c) ? history_state(c)
+                          : sv_app_has_sequence(c)
+                              ? sv_deform_sequence_bytes(t->n_gaussians, sv_app_n_frames(c))
+                              : 0;
   return most > sequence + SV_ARENA_ALIGN ? most : sequence + SV_ARENA_ALIGN;
 }
 
@@ -138,6 +145,9 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   const sv_prior_cfg prior = sv_app_prior_cfg(c, t->cap_views);
   if ((s = sv_dynamic_init(&app->dynamic, &dynamic, &app->trainer, a, err)) < 0) return s;
   if ((s = sv_prior_init(&app->prior, &prior, &app->trainer, a, err)) < 0) return s;
+  const sv_history_cfg history = sv_app_history_cfg(c);
+  if (history.n > 0) sv_arena_part_begin(a, "history");
+  sv_history_carve(&app->moving.history, &history, a);
   sv_arena_part_begin(a, "start-up scratch");
   app->points = SV_TAKE(a, sv_point, t->n_gaussians);
   app->scratch = sv_arena_sub(a, scratch_bytes(c, t));

@@ -68,6 +68,8 @@ typedef struct {
   bool is_dynamic;
   // With is_continuous and is_dynamic: training time of each exposure, in seconds.
   double exposure_s;
+  // Likewise: seconds of the past that are kept as a sequence, and saved; 0: none.
+  double history_s;
   // With is_continuous: seconds between preview images, when there is time for them; 0: none.
   double preview_every_s;
   // Capture fails when no exposure came for so long, in nanoseconds of the host's clock.

@@ -17,7 +17,7 @@ typedef struct sv_app sv_app;
 typedef enum {
   SV_APP_FILE_MODEL,
   SV_APP_FILE_MOTION,
-  SV_APP_FILE_SEQUENCE, // of a moving scene, unless capturing goes on
+  SV_APP_FILE_SEQUENCE, // of a moving scene; while capturing goes on, of its history
   SV_APP_FILE_POSES,
   SV_APP_FILE_CHECKPOINT,
   SV_APP_FILE_REPORT,

@@ -67,7 +67,9 @@ sv_dynamic_cfg sv_app_dynamic_cfg(const sv_app_cfg *c) {
   return d;
 }
 
-bool sv_app_has_sequence(const sv_app_cfg *cfg) { return cfg->is_dynamic && !cfg->is_continuous; }
+bool sv_app_has_sequence(const sv_app_cfg *cfg) {
+  return cfg->is_dynamic && (!cfg->is_continuous || sv_app_has_history(cfg));
+}
 int sv_app_n_frames(const sv_app_cfg *cfg) { return cfg->n_exposures < 2 ? 2 : cfg->n_exposures; }
 
 float sv_app_time_of(const sv_app *app, sv_ns time_ns) {
@@ -133,6 +135,7 @@ sv_status sv_app_leave_exposure(sv_app *app) {
   if (!app->cfg.is_dynamic || !app->cfg.is_continuous) return SV_OK;
   sv_status s = score_newest(app);
   if (s >= 0) watch_quality(app);
+  if (s >= 0) sv_app_note_history(app);
   return s;
 }
 

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // C only: sv_app is.
 // Moving scenes in a run: the model's time, and turns of equal length for the exposures of a run
-// that goes on capturing. Owns the times of the exposures that the model's time runs between, and
-// the scores of past exposures. Never moves a Gaussian: that is src/dynamic.
+// that goes on capturing. Owns the times of the exposures that the model's time runs between, the
+// scores of past exposures and the model's history. Never moves a Gaussian: that is src/dynamic.
 #ifndef SV_RUN_MOVING_H
 #define SV_RUN_MOVING_H
 
+#include "src/format/history.h"
 #include "src/run/config.h"
 
 typedef struct sv_app sv_app;
@@ -20,6 +21,7 @@ typedef struct {
   // dB, the highest psnr_late, which falls to what it is now within about 5,000 exposures
   double psnr_usual;
   bool has_fallen; // the user was told that quality has fallen
+  sv_history history;
 } sv_app_moving;
 
 // The trainer's settings of a moving scene, and those of its motion (none when the scene is still).
@@ -37,6 +39,15 @@ sv_status sv_app_leave_exposure(sv_app *app) SV_MUST_USE;
 sv_status sv_app_enter_exposure(sv_app *app, int slot) SV_MUST_USE;
 // Progress for the schedules of a run in which every exposure is like the last; 0: that of the run.
 float sv_app_steady_progress(const sv_app_cfg *cfg);
+// --- history.c ---
+bool sv_app_has_history(const sv_app_cfg *cfg);
+sv_history_cfg sv_app_history_cfg(const sv_app_cfg *cfg); // n = 0: none
+// The model as it is at the newest exposure becomes a frame; once for each exposure.
+void sv_app_note_history(sv_app *app);
+sv_ns sv_app_newest_ns(const sv_app *app); // host time of the newest exposure
+bool sv_app_has_past(const sv_app *app);   // the history has frames enough for a sequence
+sv_status sv_app_write_history(sv_app *app, sv_sink sink, sv_err *err) SV_MUST_USE;
+
 // The pictures of the last exposures are far worse than usual: something has gone wrong.
 bool sv_app_has_quality_fallen(const sv_app_moving *m);
 

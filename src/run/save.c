@@ -45,8 +45,9 @@ static sv_status write_model(sv_app *app, sv_sink sink, sv_err *err) {
   return sv_model_write_ply(&app->trainer.g, &notes, sink, &app->files.ply, err);
 }
 
-// A frame for each exposure; the Gaussians then stand where they stood.
+// A frame for each exposure, live the last ones; the Gaussians then stand where they stood.
 static sv_status write_sequence(sv_app *app, sv_sink sink, sv_err *err) {
+  if (app->cfg.is_continuous) return sv_app_write_history(app, sink, err);
   sv_trainer *t = &app->trainer;
   float up[3];
   sv_arena scratch = app->scratch;
@@ -171,14 +172,16 @@ static sv_status put_once(sv_app *app, sv_app_file f, sv_err *err) {
 
 // Each is tried; of the failures the first is told.
 static sv_status save_each(sv_app *app, put_fn put_file, sv_err *err) {
-  const bool is_wanted[SV_APP_N_FILES] = {[SV_APP_FILE_MODEL] = true,
-                                          [SV_APP_FILE_MOTION] = app->cfg.is_dynamic,
-                                          [SV_APP_FILE_SEQUENCE] = sv_app_has_sequence(&app->cfg),
-                                          [SV_APP_FILE_POSES] =
-                                              app->cfg.is_refining || app->odometry.is_tracked,
-                                          [SV_APP_FILE_CHECKPOINT] = true};
+  const bool is_wanted[SV_APP_N_FILES] = {
+      [SV_APP_FILE_MODEL] = true,
+      [SV_APP_FILE_MOTION] = app->cfg.is_dynamic,
+      [SV_APP_FILE_SEQUENCE] =
+          sv_app_has_sequence(&app->cfg) && (!app->cfg.is_continuous || sv_app_has_past(app)),
+      [SV_APP_FILE_POSES] = app->cfg.is_refining || app->odometry.is_tracked,
+      [SV_APP_FILE_CHECKPOINT] = true};
   sv_status first = SV_OK;
   if (app->cfg.is_refining) sv_app_take_poses(app);
+  sv_app_note_history(app);
   for (int f = 0; f < SV_APP_N_FILES; f++) {
     sv_err why;
     sv_status s = is_wanted[f] ? put_file(app, (sv_app_file)f, &why) : SV_OK;
