@@ -218,6 +218,17 @@ sv_status sv_app_held_out_psnr(sv_app *app, int n_most, double *psnr) {
   return SV_OK;
 }
 
+// Which views saw the Gaussians of a still scene.
+static void add_support(sv_str *s, sv_app *app) {
+  sv_arena scratch = app->scratch;
+  sv_support support;
+  if (app->cfg.is_dynamic || sv_driver_support(&app->trainer, &scratch, &support) < 0) return;
+  const sv_support_summary sum = sv_support_sum_up(&support, &app->trainer.g);
+  sv_str_add(s, "  \"support\": ");
+  sv_driver_add_support(s, &sum);
+  sv_str_add(s, ",\n");
+}
+
 sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
   sv_str s = sv_str_make(app->files.report, SV_APP_REPORT_BYTES);
   sv_str_add(&s, "{\n  \"version\": 1,\n  \"state\": \"%s\",\n", sv_app_state_name(app->state));
@@ -231,6 +242,7 @@ sv_status sv_app_save_report(sv_app *app, const char *extra, sv_err *err) {
   sv_str_add(&s, "  \"relocated\": %u,\n  \"dropped_splats\": %u,\n  \"device_errors\": %llu,\n",
              app->trainer.n_relocated, app->trainer.render.stats.n_dropped,
              (unsigned long long)app->capture.n_device_errors);
+  add_support(&s, app);
   add_appearance(&s, app);
   sv_app_add_photometric(&s, app);
   add_odometry(&s, app);

@@ -48,6 +48,8 @@ size_t sv_driver_scratch_bytes(const sv_train_cfg *cfg, int n_points) {
   if (most < radius) most = radius;
   const size_t appearance = sv_appearance_start_bytes(cfg);
   if (most < appearance) most = appearance;
+  const size_t support = sv_support_bytes(cfg->n_gaussians, cfg->n_threads); // at the end
+  if (most < support) most = support;
   return most + 4096;
 }
 
@@ -262,6 +264,52 @@ const sv_view *sv_driver_view(const sv_trainer *t, int i) {
   const sv_train_measurement *c = t->measurements;
   for (i -= t->n_views; i >= c->model.n_lenses; c++) i -= c->model.n_lenses;
   return &c->model.lenses[i].view;
+}
+
+static sv_status add_part(sv_trainer *t, const sv_view *part, sv_support *out) {
+  const sv_render_options o = sv_train_render_options(t, 1.0f, false);
+  const sv_support_planes planes = {&t->grad, t->err_plane};
+  sv_train_size_images(t, part->width_px, part->height_px);
+  sv_status s = sv_render(&t->render, &t->g, part, &o);
+  return s < 0 ? s : sv_support_add(out, &t->render, &planes);
+}
+
+// Lens images may be larger than the trainer's planes.
+static sv_status add_lens(sv_trainer *t, const sv_view *v, sv_support *out) {
+  const int side = t->cfg.region_px;
+  sv_status s = SV_OK;
+  for (int y = 0; y < v->height_px && s >= 0; y += side)
+    for (int x = 0; x < v->width_px && s >= 0; x += side) {
+      sv_view part = *v;
+      part.width_px = sv_mini(side, v->width_px - x);
+      part.height_px = sv_mini(side, v->height_px - y);
+      part.cx -= (float)x;
+      part.cy -= (float)y;
+      s = add_part(t, &part, out);
+    }
+  return s;
+}
+
+sv_status sv_driver_support(sv_trainer *t, sv_arena *scratch, sv_support *out) {
+  const int n = sv_driver_n_views(t);
+  sv_status s = sv_support_init(out, t->g.n, t->cfg.n_threads, scratch);
+  for (int k = 0; k < sv_support_n_asked(n) && s >= 0; k++) {
+    const int i = sv_support_asked(n, k);
+    const sv_view *v = sv_driver_view(t, i);
+    const bool is_lens = i >= t->n_views;
+    sv_support_begin(out, v, v->i_exposure);
+    if (!is_lens) sv_train_roll(t, i, v, sv_train_render_options(t, 1.0f, false).near_z);
+    s = is_lens ? add_lens(t, v, out) : add_part(t, v, out);
+    if (!is_lens) sv_train_unroll(t);
+    sv_support_end(out);
+  }
+  return s;
+}
+
+void sv_driver_add_support(sv_str *out, const sv_support_summary *s) {
+  sv_str_add(
+      out, "{\"views\": %d, \"unseen\": %.4f, \"one_view\": %.4f, \"angle_deg\": %.3f, \"supported\": %.4f}",
+      s->n_views, s->unseen, s->one_view, s->angle_deg, s->supported);
 }
 
 // --- evaluation ----------------------------------------------------------------------------------

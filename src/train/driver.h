@@ -9,6 +9,7 @@
 #include "src/base/str.h"
 #include "src/port/port.h"
 #include "src/rig/bounds.h"
+#include "src/splat/support.h"
 #include "src/train/time_stats.h"
 #include "src/train/objective.h"
 #include "src/train/plateau.h"
@@ -116,6 +117,12 @@ double sv_driver_steps_per_s(const sv_driver *d);
 // Views that are trained on, lens images of multiplexed sensors included.
 int sv_driver_n_views(const sv_trainer *t);
 const sv_view *sv_driver_view(const sv_trainer *t, int i);
+
+// Support of a still scene's Gaussians by these views (src/splat/support.h), in the scratch, of
+// which it takes sv_support_bytes. Uses the trainer's planes, between steps.
+sv_status sv_driver_support(sv_trainer *t, sv_arena *scratch, sv_support *out) SV_MUST_USE;
+// As JSON: {"views": 6, "unseen": ..., "one_view": ..., "angle_deg": ..., "supported": ...}.
+void sv_driver_add_support(sv_str *out, const sv_support_summary *s);
 
 // --- evaluation ----------------------------------------------------------------------------------
 

@@ -43,6 +43,7 @@ typedef struct {
   long n_steps;                         // wanted; 0: by time
   double limit_s;                       // 0: by steps
   double load_s, eval_s, measured_psnr; // measured: of multiplexed measurements
+  sv_support_summary support;           // of still scenes
   bool is_stopped, has_scores, has_time_scores;
   sv_render_options render;       // of the finished model
   lab_scores scores, time_scores; // time: of held-out times of the training cameras
@@ -313,6 +314,13 @@ static sv_status train(run *r, sv_err *err) {
     return sv_fail(err, SV_E_INTERRUPTED, "stopped by request before the first step");
   if (s < 0 && !r->is_stopped) return s;
   r->render = sv_train_render_options(t, 1.0f, false);
+  if (!t->cfg.has_motion) {
+    sv_arena scratch = r->plan.scratch;
+    sv_support support;
+    if ((s = sv_driver_support(t, &scratch, &support)) < 0)
+      return sv_fail(err, s, "which views saw the Gaussians cannot be told: %s", sv_status_text(s));
+    r->support = sv_support_sum_up(&support, &t->g);
+  }
   if (r->o->is_refining) {
     const lab_poses_moved m = lab_poses_measure(t);
     lab_say(&r->session, "poses refined: moved by %.3f degrees and %.4g units in the mean", m.deg, m.shift);
@@ -368,6 +376,14 @@ static sv_status evaluate(run *r, sv_err *err) {
 
 // --- what is written -----------------------------------------------------------------------------
 
+static void report_support(lab_report *j, const sv_support_summary *m) {
+  char text[256];
+  sv_str s = sv_str_make(text, sizeof text);
+  sv_str_add(&s, "\"support\": ");
+  sv_driver_add_support(&s, m);
+  lab_report_members(j, text);
+}
+
 static void report_figures(lab_report *j, const run *r) {
   if (r->has_scores) lab_report_text(j, "split", lab_default_split((int)r->o->exposures));
   if (r->has_scores) lab_scores_report(j, &r->scores);
@@ -382,6 +398,7 @@ static void report_figures(lab_report *j, const run *r) {
   lab_report_int(j, "gaussians", r->plan.trainer.g.n);
   lab_report_num(j, "loss", r->driver.loss);
   if (r->views.n_measurements) lab_report_num(j, "measurement_psnr", r->measured_psnr);
+  if (r->support.n_views) report_support(j, &r->support);
   lab_report_num(j, "seconds", r->driver.train_s);
   lab_report_num(j, "load_seconds", r->load_s);
   if (r->has_scores) lab_report_num(j, "eval_seconds", r->eval_s);
