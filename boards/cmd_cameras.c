@@ -54,6 +54,7 @@ static const sv_tool_command command = {
         "commas:\n"
         "  size=WxH format=FOURCC fps=F buffers=N    what the cameras deliver\n"
         "  exposure=US gain=N wb=K lock=on|shared|off settle=MS    fixed while they run, unless lock=off\n"
+        "  brackets=F:F[:F[:F]] bracket-delay=N    exposure times in turn, as factors (docs/boards.md)\n"
         "  stall=MS clock=camera|monotonic|boottime|realtime stamp=start|middle|end dmabuf=on|off\n"
         "  black=N red=F blue=F light=linear|display    raw sensors: black level, gains, kind of values\n"
         "  trigger=gpio:CHIP:LINE|pwm:CHIP:CHANNEL trigger-period=US trigger-width=US "

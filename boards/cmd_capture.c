@@ -284,12 +284,13 @@ static sv_status record(const capture_options *o, sv_err *err) {
     sv_exposure_slot *slot;
     if (sv_capture_queue_take(&cap.in, &slot) == SV_OK) {
       const sv_ns time_ns = slot->exposure.time_ns;
-      if (!sv_spacing_is_due(&cap.spacing, time_ns)) {
+      const sv_spacing_exposure judged = {time_ns, slot->frames[0].exposure_ns};
+      if (!sv_spacing_is_due(&cap.spacing, &judged)) {
         sv_capture_queue_refuse(&cap.in, slot, SV_DROP_NOT_DUE);
         last_ns = now;
         continue;
       }
-      sv_spacing_keep(&cap.spacing, time_ns);
+      sv_spacing_keep(&cap.spacing, &judged);
       guide_exposure(&cap.guide, slot, &cap.kernels);
       sv_status s = save_or_leave_out(slot, &con, err);
       if (s < 0) return s;
@@ -392,9 +393,14 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   if (s < 0) return sv_fail(err, s, "frame synchronization of %d cameras failed: %s", n, sv_status_text(s));
   if ((s = sv_capture_queue_check(&cap.in, err)) < 0) return s;
   double fps = 0;
-  for (int i = 0; i < n; i++) fps = sv_maxd(fps, cap.src.caps[i].fps);
+  int n_brackets = 0;
+  for (int i = 0; i < n; i++) {
+    fps = sv_maxd(fps, cap.src.caps[i].fps);
+    n_brackets = sv_maxi(n_brackets, cap.src.caps[i].n_brackets);
+  }
   sv_spacing_init(&cap.spacing,
                   &(sv_spacing_cfg){.every_ns = (sv_ns)(o->every_s * 1e9),
+                                    .n_brackets = n_brackets,
                                     .early_ns = fps > 0 ? (sv_ns)(0.5e9 / fps) : 0},
                   NULL);
   if (sv_capture_has_frames(o->out))

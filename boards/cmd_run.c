@@ -76,13 +76,17 @@ static bool tells_poses(const sv_source *src) {
 static sv_spacing_cfg spacing_of(const run_options *o) {
   sv_spacing_cfg c = {.every_ns = (sv_ns)(o->every_s * 1e9), .is_by_motion = o->is_by_motion};
   double fps = 0;
-  for (int i = 0; i < run.src.source.n_cameras; i++) fps = fmax(fps, run.src.caps[i].fps);
+  for (int i = 0; i < run.src.source.n_cameras; i++) {
+    fps = fmax(fps, run.src.caps[i].fps);
+    c.n_brackets = sv_maxi(c.n_brackets, run.src.caps[i].n_brackets);
+  }
   if (fps > 0) c.early_ns = (sv_ns)(0.5e9 / fps);
   if (o->every || o->is_continuous) return c;
   if (run.src.kind == SOURCE_REPLAY) {
     // Up to two frames before the end, in case the last ones are not whole.
     if (o->exposures > 1 && sv_replay_most_exposures(&run.src.u.replay) > o->exposures)
-      c.every_ns = (sv_replay_span_ns(&run.src.u.replay) - 4 * c.early_ns) / (o->exposures - 1);
+      c.every_ns = (sv_replay_span_ns(&run.src.u.replay) - 4 * c.early_ns) /
+                   sv_maxi((int)o->exposures / sv_maxi(c.n_brackets, 1) - 1, 1);
   } else if (run.src.kind != SOURCE_SIM && !o->is_dynamic) c.is_by_motion = true;
   return c;
 }

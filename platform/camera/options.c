@@ -8,6 +8,7 @@
 sv_camera_options sv_camera_defaults(void) {
   return (sv_camera_options){.n_buffers = 8,
                              .gain = -1,
+                             .n_bracket_delay = 4,
                              .settle_ns = 500 * SV_NS_PER_MS,
                              .stall_ns = SV_NS_PER_S,
                              .tone = {.gain_r = 1, .gain_b = 1}};
@@ -69,8 +70,23 @@ static bool read_numbers(const pair *p, sv_camera_options *o) {
   if (is_key(p, "buffers")) return integer(p, 3, SV_CAMERA_CAP_BUFFERS, &n) && (o->n_buffers = (int)n, true);
   if (is_key(p, "wb")) return integer(p, 1000, 20000, &n) && (o->white_k = (int)n, true);
   if (is_key(p, "settle")) return integer(p, 0, 10000, &n) && (o->settle_ns = (sv_ns)n * SV_NS_PER_MS, true);
+  if (is_key(p, "bracket-delay")) return integer(p, 0, 16, &n) && (o->n_bracket_delay = (int)n, true);
   if (is_key(p, "stall")) return integer(p, 20, 60000, &n) && (o->stall_ns = (sv_ns)n * SV_NS_PER_MS, true);
   return is_key(p, "black") && integer(p, 0, 65534, &n) && (o->tone.black = (int)n, true);
+}
+
+static bool read_brackets(const pair *p, sv_camera_options *o) {
+  const char *end = p->value + p->n_value;
+  o->n_brackets = 0;
+  for (const char *word = p->value;; word++) {
+    const char *colon = memchr(word, ':', (size_t)(end - word));
+    const pair one = {p->key, word, p->n_key, (size_t)((colon ? colon : end) - word)};
+    if (o->n_brackets == SV_CAMERA_CAP_BRACKET || !number(&one, 1e-3, 1e3, &o->bracket[o->n_brackets]))
+      return false;
+    o->n_brackets++;
+    if (!colon) return o->n_brackets > 1;
+    word = colon;
+  }
 }
 
 static bool read_sync(const pair *p, sv_camera_options *o) {
@@ -105,6 +121,7 @@ static bool read_words(const pair *p, sv_camera_options *o) {
     o->is_shared = i == 2;
     return true;
   }
+  if (is_key(p, "brackets")) return read_brackets(p, o);
   if (is_key(p, "dmabuf")) return (i = choice(p, switches, 2)) >= 0 && (o->is_exported = i, true);
   return is_key(p, "sync") && read_sync(p, o);
 }
@@ -134,8 +151,8 @@ static sv_status read_item(const char *kind, const char *item, size_t n, sv_came
   return sv_fail(
       err, SV_E_ARG,
       "%s: \"%.*s\" is not an option or its value is out of range; there are size=WxH, format=FOURCC, "
-      "fps, buffers, exposure=US, gain, wb=K, lock, settle=MS, stall=MS, clock, stamp, black, red, "
-      "blue, light, dmabuf, sync",
+      "fps, buffers, exposure=US, gain, wb=K, lock, brackets=F:F, bracket-delay, settle=MS, stall=MS, clock, "
+      "stamp, black, red, blue, light, dmabuf, sync",
       kind, (int)(n < 60 ? n : 60), item);
 }
 
@@ -181,6 +198,9 @@ sv_status sv_camera_parse(const char *kind, const char *spec, sv_camera_options 
     if (!*p) break;
   }
   if (!o->n_cameras) return sv_fail(err, SV_E_ARG, "%s: expected a camera before the options", kind);
+  if (o->n_brackets && o->is_unlocked)
+    return sv_fail(err, SV_E_ARG,
+                   "%s: brackets= are factors of a fixed exposure time; expected lock=on or shared", kind);
   return complete_sync(kind, o, err);
 }
 

@@ -11,6 +11,8 @@
 //   lock=on|shared|off    lock exposure, gain and white balance while they run (on: each camera at
 //                     its own values; shared: all at those of the first camera, the exposure time
 //                     over the camera's response, where that is known)
+//   brackets=F:F[...] factors of the exposure time that frames get in turn, 2 to 4
+//   bracket-delay=N   frames until a new exposure time is in effect, of V4L2 cameras (4)
 //   settle=MS         time for the automatic controls to settle before the lock (500)
 //   stall=MS          restart a camera that delivers no frame for this long (1000)
 //   clock=camera|monotonic|boottime|realtime    clock of the timestamps (default: as the driver
@@ -38,6 +40,7 @@ extern "C" {
 #define SV_CAMERA_CAP_CAMERAS 8
 #define SV_CAMERA_CAP_BUFFERS 32
 #define SV_CAMERA_CAP_NAME    128
+#define SV_CAMERA_CAP_BRACKET 4
 
 typedef enum { SV_RPI_SYNC_OFF = 0, SV_RPI_SYNC_SERVER, SV_RPI_SYNC_CLIENT } sv_rpi_sync;
 
@@ -62,6 +65,9 @@ typedef struct {
   int white_k;                 // 0: not given
   bool is_unlocked, is_shared; // shared: all cameras get the values of the first
   sv_ns settle_ns, stall_ns;
+  int n_brackets; // 0: the exposure time stays
+  double bracket[SV_CAMERA_CAP_BRACKET];
+  int n_bracket_delay; // frames
   bool has_clock, has_stamp, has_light;
   sv_clock_id clock;
   sv_stamp_source stamp;

@@ -251,6 +251,7 @@ static unsigned id_of(const char *name) {
 static sv_status check_controls(const sv_libcamera *s, const Cam *c, const char *name, sv_err *err) {
   const sv_camera_options &o = s->cfg;
   const char *missing = o.exposure_ns > 0 && !has(c, controls::ExposureTime)  ? "exposure="
+                        : o.n_brackets && !has(c, controls::ExposureTime)     ? "brackets="
                         : o.gain >= 0 && !has(c, controls::AnalogueGain)      ? "gain="
                         : o.fps > 0 && !has(c, controls::FrameDurationLimits) ? "fps="
                         : o.white_k > 0                                       ? "wb="

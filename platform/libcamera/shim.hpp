@@ -54,6 +54,7 @@ struct Slot {
   std::array<uint8_t *, 3> plane = {};
   std::array<size_t, 3> cap_bytes = {}; // of each plane, up to the end of its mapping
   RequestState state = RequestState::Empty;
+  int32_t asked_us = 0; // exposure time of a bracket, which its frame should have; 0: not asked for
   sv_ns arrival_ns = 0;
 };
 
@@ -75,10 +76,12 @@ struct Cam {
   bool is_away = false;  // lost, and has not delivered since
   bool is_wrong = false; // came back with another format; reported once
   sv_ns lost_ns = 0, retry_ns = 0;
-  int64_t frame_us = 0;   // length of its frames, for the next request
-  bool is_synced = true;  // rpi.sync has said so, or is off
-  bool must_lock = false; // the next request carries the locked values
-  int32_t exposure_us = 0;
+  int64_t frame_us = 0;    // length of its frames, for the next request
+  bool is_synced = true;   // rpi.sync has said so, or is off
+  bool must_lock = false;  // the next request carries the locked values
+  int32_t exposure_us = 0; // of the newest frame that told it
+  int32_t locked_us = 0;   // with brackets: what they are factors of, once it is known
+  int i_bracket = 0;       // of the next request
   float gain = 0;
   std::array<float, 2> white = {};
   bool has_white = false;

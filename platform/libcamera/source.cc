@@ -39,22 +39,31 @@ static void set_sync(const sv_libcamera *s, const Cam *c, ControlList *list) {
   list->set(s->sync_mode_id, ControlValue(static_cast<int32_t>(sync_of(c) == SV_RPI_SYNC_SERVER ? 1 : 2)));
 }
 
-// The exposure time of the first camera, over the relative response of this one.
-static int32_t shared_us(const Cam *c, int32_t us) {
+// An exposure time, within the control's range.
+static int32_t possible_us(const Cam *c, double us) {
   const auto info = c->camera->controls().find(&controls::ExposureTime);
-  const double want = us * sv_camera_exposure_share(&c->owner->cfg, c->i_camera) + 0.5;
-  if (us <= 0 || info == c->camera->controls().end()) return us;
+  const double want = us + 0.5;
+  if (us <= 0 || info == c->camera->controls().end()) return static_cast<int32_t>(us);
   const int32_t least = info->second.min().get<int32_t>(), most = info->second.max().get<int32_t>();
   if (want < least) return least;
   return most > 0 && want > most ? most : static_cast<int32_t>(want); // 0: it names no limit
+}
+
+// The exposure time that is given or was found: with lock=shared that of the first camera, over the
+// relative response of this one. 0: not known yet.
+static int32_t locked_us(const Cam *c) {
+  const sv_camera_options &o = c->owner->cfg;
+  const Cam *from = o.is_shared ? c->owner->cams.front().get() : c;
+  if (c->locked_us > 0) return c->locked_us;
+  const double us = o.exposure_ns > 0 ? static_cast<double>(o.exposure_ns) * 1e-3 : from->exposure_us;
+  return possible_us(c, o.is_shared ? us * sv_camera_exposure_share(&o, c->i_camera) : us);
 }
 
 // Fixes the given values, or those found by the automatic controls, and switches these off.
 // lock=shared: those of the first camera.
 static void set_fixed(const sv_libcamera *s, const Cam *c, ControlList *list) {
   const Cam *from = s->cfg.is_shared ? s->cams.front().get() : c;
-  int32_t us = s->cfg.exposure_ns > 0 ? static_cast<int32_t>(s->cfg.exposure_ns / 1000) : from->exposure_us;
-  if (s->cfg.is_shared) us = shared_us(c, us);
+  const int32_t us = locked_us(c);
   float gain = s->cfg.gain >= 0 ? static_cast<float>(s->cfg.gain) : from->gain;
   if (us > 0 && has(c, controls::ExposureTime)) {
     list->set(controls::ExposureTime, us);
@@ -67,6 +76,17 @@ static void set_fixed(const sv_libcamera *s, const Cam *c, ControlList *list) {
   }
 }
 
+// The next exposure time of the brackets, for the frame of a request. libcamera takes controls for
+// the frame of their request, and tells which exposure time a frame had where the sensor is known.
+static void ask_bracket(Cam *c, Slot *s) {
+  const sv_camera_options &o = c->owner->cfg;
+  s->asked_us = 0;
+  if (!o.n_brackets || c->locked_us <= 0) return;
+  s->asked_us = possible_us(c, c->locked_us * o.bracket[c->i_bracket]);
+  s->request->controls().set(controls::ExposureTime, s->asked_us);
+  c->i_bracket = (c->i_bracket + 1) % o.n_brackets;
+}
+
 static int queue(Cam *c, Slot *s) {
   {
     std::lock_guard<std::mutex> lock(c->owner->mutex);
@@ -74,6 +94,7 @@ static int queue(Cam *c, Slot *s) {
   }
   if (c->must_lock) set_fixed(c->owner, c, &s->request->controls());
   c->must_lock = false;
+  ask_bracket(c, s);
   if (c->frame_us) s->request->controls().set(controls::FrameDurationLimits, {c->frame_us, c->frame_us});
   c->frame_us = 0;
   int r = c->camera->queueRequest(s->request.get());
@@ -228,6 +249,15 @@ static void note_metadata(Cam *c, const ControlList &m) {
     c->is_synced = true;
 }
 
+// The exposure time of a frame: as told, else as its request asked for.
+static void tell_exposure(const Cam *c, const Slot &slot, sv_frame *f) {
+  const auto told = slot.request->metadata().get(controls::ExposureTime);
+  const bool is_bracketed = c->owner->cfg.n_brackets > 0;
+  const int32_t us = told ? *told : is_bracketed ? slot.asked_us : c->exposure_us;
+  f->exposure_ns = static_cast<sv_ns>(us) * 1000;
+  f->is_unsettled = is_bracketed && us <= 0;
+}
+
 // False: do not deliver the frame (a start-up frame, or rpi.sync is not ready).
 static bool fill_frame(sv_libcamera *s, Cam *c, int i_slot, sv_frame *f) {
   Slot &slot = c->slots[static_cast<size_t>(i_slot)];
@@ -241,7 +271,7 @@ static bool fill_frame(sv_libcamera *s, Cam *c, int i_slot, sv_frame *f) {
   auto stamp = m.get(controls::SensorTimestamp);
   f->camera_ns = stamp ? *stamp : static_cast<sv_ns>(fm.timestamp);
   f->arrival_ns = slot.arrival_ns;
-  f->exposure_ns = static_cast<sv_ns>(c->exposure_us) * 1000;
+  tell_exposure(c, slot, f);
   f->width_px = c->caps.width_px;
   f->height_px = c->caps.height_px;
   f->stride_bytes = c->stride_bytes;
@@ -379,7 +409,10 @@ static void settle(sv_libcamera *s) {
     sv_frame f;
     if (source_dequeue(s, &f, end_ns) == SV_OK) (void)source_requeue(s, &f);
   }
-  for (auto &c : s->cams) c->must_lock = has_auto;
+  for (auto &c : s->cams) {
+    c->must_lock = has_auto || s->cfg.n_brackets;
+    if (s->cfg.n_brackets) c->locked_us = locked_us(c.get());
+  }
 }
 
 static sv_status source_start(void *self) {
@@ -402,7 +435,7 @@ static sv_status source_start(void *self) {
     (void)source_stop(s);
     return SV_E_DEVICE;
   }
-  if (!s->cfg.is_unlocked && s->cfg.settle_ns > 0) settle(s);
+  if (!s->cfg.is_unlocked && (s->cfg.settle_ns > 0 || s->cfg.n_brackets)) settle(s);
   return SV_OK;
 }
 
@@ -427,7 +460,8 @@ static sv_status source_caps(void *self, int i, sv_camera_caps *out) {
   auto *s = static_cast<sv_libcamera *>(self);
   if (i < 0 || i >= static_cast<int>(s->cams.size())) return SV_E_ARG;
   *out = s->cams[static_cast<size_t>(i)]->caps;
-  out->is_light_locked = !s->cfg.is_unlocked;
+  out->is_light_locked = !s->cfg.is_unlocked && !s->cfg.n_brackets;
+  out->n_brackets = s->cfg.n_brackets;
   out->is_light_shared = sv_camera_is_light_shared(&s->cfg);
   out->is_exposure_told = !s->cfg.is_unlocked;
   return SV_OK;

@@ -21,6 +21,7 @@
 
 #define MAX_JSON_BYTES (512u << 20)
 #define MAX_SIDE_PX    32768
+#define MOST_BRACKETS  16
 #define MAX_NS         (INT64_MAX / 8) // also keeps numbers within 18 digits
 #define MAX_DEPTH      32
 
@@ -190,7 +191,7 @@ static sv_status read_area(const json_t *j, int t, sv_sensor_area *out) {
 static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_capture_frame **pool) {
   static const char *const clocks[] = {"camera", "monotonic", "boottime", "realtime"};
   static const char *const stamps[] = {"start", "middle", "end"};
-  static const char *const lights[] = {"free", "told", "locked", "shared"};
+  static const char *const lights[] = {"free", "told", "locked", "shared", "told_shared"};
   if (j->tokens[t].type != JSMN_OBJECT) return bad(j, t, "cameras", "a list of objects");
   *c = (sv_capture_camera){.caps = {.format = SV_PIX_RGB8}};
   const char *name = "";
@@ -211,7 +212,8 @@ static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_ca
   if (s == SV_OK)
     s = read_choice(j, t, &(choice_key){"stamp", stamps, 3, SV_STAMP_START, "start, middle or end"}, &stamp);
   if (s == SV_OK)
-    s = read_choice(j, t, &(choice_key){"light", lights, 4, 0, "free, told, locked or shared"}, &light);
+    s = read_choice(j, t, &(choice_key){"light", lights, 5, 0, "free, told, locked, shared or told_shared"},
+                    &light);
   if (s < 0) return s;
   v = find(j, t, "fps");
   if (v >= 0 && (!read_double(j, v, &c->caps.fps) || c->caps.fps < 0 || c->caps.fps > 1e6))
@@ -221,9 +223,12 @@ static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_ca
   c->caps.clock = (sv_clock_id)clock;
   c->caps.stamp = (sv_stamp_source)stamp;
   c->caps.is_exposure_told = light > 0;
-  c->caps.is_light_locked = light > 1;
+  c->caps.is_light_locked = light == 2 || light == 3;
   c->caps.is_light_shared = light > 2;
-  int64_t bits = 8;
+  int64_t bits = 8, n_brackets = 0;
+  s = get_int(j, t, &(int_key){"brackets", 0, MOST_BRACKETS, 0, "0 to 16"}, &n_brackets);
+  if (s < 0) return s;
+  c->caps.n_brackets = (int)n_brackets;
   s = get_int(j, t, &(int_key){"bits", 8, 16, 8, "8 or 16"}, &bits);
   if (s == SV_OK && bits != 8 && bits != 16) s = bad(j, find(j, t, "bits"), "bits", "8 or 16");
   if (s < 0) return s;

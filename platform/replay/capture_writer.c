@@ -155,7 +155,7 @@ static sv_status put_camera(sv_capture_writer *w, int i, sv_err *err) {
   static const char *const stamps[] = {"start", "middle", "end"};
   const sv_camera_caps *c = &w->caps[i];
   const char *light = c->is_light_locked    ? c->is_light_shared ? "shared" : "locked"
-                      : c->is_exposure_told ? "told"
+                      : c->is_exposure_told ? c->is_light_shared ? "told_shared" : "told"
                                             : "free";
   char line[LINE_BYTES];
   char area[160] = "";
@@ -166,10 +166,10 @@ static sv_status put_camera(sv_capture_writer *w, int i, sv_err *err) {
   sv_fmt(line, sizeof line,
          "{\"name\":\"%s\",\"folder\":\"%s\",\"width\":%d,\"height\":%d,\"fps\":%.17g,\"bits\":%d,\"clock\":"
          "\"%s\","
-         "\"stamp\":\"%s\",\"light\":\"%s\",%s"
+         "\"stamp\":\"%s\",\"light\":\"%s\",\"brackets\":%d,%s"
          "\"frames\":[\n",
          c->name, w->cameras[i].folder, c->width_px, c->height_px, c->fps, c->format == SV_PIX_RGB16 ? 16 : 8,
-         clocks[c->clock], stamps[c->stamp], light, area);
+         clocks[c->clock], stamps[c->stamp], light, c->n_brackets, area);
   sv_status s = put_text(&w->store, line, err);
   if (s == SV_OK) s = copy_lines(&w->store, w->cameras[i].list.fd, 0, w->copy, w->cap_copy, err);
   if (s == SV_OK) s = put_text(&w->store, i + 1 < w->cfg.n_cameras ? "]},\n" : "]}\n", err);

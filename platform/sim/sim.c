@@ -259,6 +259,7 @@ static sv_status src_caps(void *self, int i_camera, sv_camera_caps *out) {
                           .stamp = SV_STAMP_MIDDLE,
                           .frame_bytes = s->frame_bytes,
                           .is_light_locked = s->cfg.optics.auto_exposure == 1 && s->cfg.optics.bracket == 1,
+                          .n_brackets = s->cfg.optics.bracket != 1 ? 2 : 0,
                           .is_exposure_told = s->cfg.optics.auto_exposure == 1,
                           .is_light_shared = s->cfg.optics.lock != SV_SIM_LOCK_ON,
                           .is_color_known = sv_sim_optics_is_color_known(&s->cfg.optics),

@@ -64,6 +64,10 @@ struct sv_v4l2_camera {
   int n_controls;
   sv_v4l2_control control[SV_V4L2_CAP_CONTROLS];
   sv_ns exposure_ns; // locked shutter time, 0: unknown
+  // of brackets: the shutter time that they are factors of, 0 until it is locked; when the last
+  // change was asked for, 0: never, and from when frames have it; the same before that change
+  sv_ns base_ns, asked_ns, settled_ns, before_ns, before_settled_ns;
+  bool is_bracket_told; // that it did not do as it was told
   bool is_locked;
   const bool *is_triggered; // of the source: the trigger's mode is set before it streams
   sv_v4l2_stats stats;
@@ -105,6 +109,9 @@ void sv_v4l2_restore_controls(sv_v4l2_camera *c);
 // restored with the others. 0, or a negative error number: -ENOENT there is no such control.
 int sv_v4l2_set_trigger_mode(sv_v4l2_camera *c);
 sv_status sv_v4l2_set_exposure(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns);
+// The exposure time that is nearest to ns, within the control's range.
+sv_ns sv_v4l2_possible_exposure(const sv_v4l2_camera *c, sv_ns ns);
+int64_t sv_v4l2_exposure_id(void); // of that control, for events
 // Time for all lines of a frame, by V4L2_CID_HBLANK and V4L2_CID_PIXEL_RATE; 0: not told.
 sv_ns sv_v4l2_readout_ns(const sv_v4l2_camera *c);
 // Length of the frames from now on, by the sensor's blanking lines or, where there are none, by the
@@ -114,6 +121,11 @@ sv_status sv_v4l2_set_frame_duration(sv_v4l2_camera *c, int64_t ns, int64_t *act
 sv_status sv_v4l2_check_controls(const sv_v4l2_camera *c, sv_err *err);
 // Whether a camera can take the values of another one.
 sv_status sv_v4l2_check_shared(const sv_v4l2_camera *c, const sv_v4l2_camera *from, sv_err *err);
+
+// brackets.c: after the cameras were locked; when frames are asked for; each frame's exposure time.
+void sv_v4l2_begin_brackets(sv_v4l2 *v);
+void sv_v4l2_turn_brackets(sv_v4l2 *v, sv_ns now_ns);
+void sv_v4l2_tell_exposure(const sv_v4l2_camera *c, sv_frame *f);
 
 // A format's description for one node, of one API or the other.
 typedef struct {

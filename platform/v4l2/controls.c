@@ -198,13 +198,20 @@ int sv_v4l2_set_trigger_mode(sv_v4l2_camera *c) {
 sv_status sv_v4l2_check_controls(const sv_v4l2_camera *c, sv_err *err) {
   struct v4l2_queryctrl q;
   const sv_camera_options *o = c->cfg;
-  if (o->exposure_ns > 0 && !has(c, V4L2_CID_EXPOSURE_ABSOLUTE, &q))
-    return sv_fail(err, SV_E_UNSUPPORTED, "%s: its exposure time cannot be set (exposure=)", c->path);
+  if ((o->exposure_ns > 0 || o->n_brackets) && !has(c, V4L2_CID_EXPOSURE_ABSOLUTE, &q))
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: its exposure time cannot be set (%s=)", c->path,
+                   o->n_brackets ? "brackets" : "exposure");
   if (o->gain >= 0 && !gain_id(c))
     return sv_fail(err, SV_E_UNSUPPORTED, "%s: its gain cannot be set (gain=)", c->path);
   if (o->white_k > 0 && !has(c, V4L2_CID_WHITE_BALANCE_TEMPERATURE, &q))
     return sv_fail(err, SV_E_UNSUPPORTED, "%s: its colour temperature cannot be set (wb=)", c->path);
   return SV_OK;
+}
+
+int64_t sv_v4l2_exposure_id(void) { return V4L2_CID_EXPOSURE_ABSOLUTE; }
+
+sv_ns sv_v4l2_possible_exposure(const sv_v4l2_camera *c, sv_ns ns) {
+  return clamped(c, V4L2_CID_EXPOSURE_ABSOLUTE, (double)ns / EXPOSURE_UNIT_NS) * EXPOSURE_UNIT_NS;
 }
 
 sv_status sv_v4l2_set_exposure(sv_v4l2_camera *c, int64_t ns, int64_t *actual_ns) {

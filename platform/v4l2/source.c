@@ -125,6 +125,7 @@ static sv_status source_dequeue(void *self, sv_frame *f, sv_ns until_ns) {
   for (bool is_last = false;;) {
     sv_ns t_ns = now(v);
     mind_absence(v, t_ns);
+    if (v->is_settled) sv_v4l2_turn_brackets(v, t_ns);
     for (int i = 0; i < v->n_cameras; i++) {
       sv_v4l2_camera *c = &v->cameras[i];
       sv_v4l2_service(c, t_ns);
@@ -192,6 +193,8 @@ static void settle(sv_v4l2 *v) {
     if (first) sv_v4l2_share_controls(c, first, now(v));
     else first = c;
   }
+  sv_v4l2_begin_brackets(v);
+  v->is_settled = true;
 }
 
 static sv_status source_start(void *self) {
@@ -210,6 +213,7 @@ static sv_status source_start(void *self) {
     else n_started++;
   }
   v->is_running = true;
+  v->is_settled = false;
   v->looked_ns = now(v);
   if (!n_started) {
     (void)source_stop(v);
@@ -263,7 +267,8 @@ static sv_status source_caps(void *self, int i, sv_camera_caps *out) {
   sv_v4l2 *v = self;
   if (i < 0 || i >= v->n_cameras) return SV_E_ARG;
   *out = v->cameras[i].caps;
-  out->is_light_locked = !v->cfg.is_unlocked;
+  out->is_light_locked = !v->cfg.is_unlocked && !v->cfg.n_brackets;
+  out->n_brackets = v->cfg.n_brackets;
   out->is_light_shared = sv_camera_is_light_shared(&v->cfg);
   out->is_exposure_told = !v->cfg.is_unlocked;
   out->readout_ns = sv_v4l2_readout_ns(&v->cameras[i]);

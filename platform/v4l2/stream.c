@@ -118,7 +118,6 @@ static void fill_frame(sv_v4l2_camera *c, int i_slot, const struct v4l2_buffer *
                   .camera_ns =
                       (sv_ns)b->timestamp.tv_sec * SV_NS_PER_S + (sv_ns)b->timestamp.tv_usec * SV_NS_PER_US,
                   .arrival_ns = now_ns,
-                  .exposure_ns = c->exposure_ns,
                   .width_px = c->caps.width_px,
                   .height_px = c->caps.height_px,
                   .stride_bytes = c->stride_bytes,
@@ -126,6 +125,7 @@ static void fill_frame(sv_v4l2_camera *c, int i_slot, const struct v4l2_buffer *
                   .data = s->map[0] + offset,
                   .data_bytes = used >= offset ? used - offset : 0,
                   .i_buffer = i_slot};
+  sv_v4l2_tell_exposure(c, f);
   f->sequence = sequence_of(c, b->sequence, f->camera_ns);
   bool has_chroma = c->n_planes < 2 || fill_chroma(c, s, &plane[1]);
   f->is_error = !check_frame(c, f, cap - offset, now_ns);

@@ -4,7 +4,8 @@
 // A camera that fails (POLLERR, ENODEV, EIO, silence) is closed and opened again by itself, every
 // 50 ms or frame, while the others run on; what happened is told by the source's events. Exposure,
 // gain and white balance are locked at start (lock=shared: all cameras at the values of the first)
-// and restored at close.
+// and restored at close. Of brackets the exposure time changes; frames in between are delivered as
+// unsettled.
 #ifndef SV_PLATFORM_V4L2_V4L2_H
 #define SV_PLATFORM_V4L2_V4L2_H
 
@@ -29,9 +30,11 @@ typedef struct {
   sv_clock clock;
   sv_v4l2_camera *cameras; // [n_cameras]
   int n_cameras;
-  bool is_running;
-  bool is_triggered; // the cameras expose on the pulses of cfg.trigger
-  sv_ns looked_ns;   // when somebody last asked for frames
+  bool is_running, is_settled; // settled: the controls are locked
+  bool is_triggered;           // the cameras expose on the pulses of cfg.trigger
+  sv_ns looked_ns;             // when somebody last asked for frames
+  int i_bracket;               // the exposure time that the cameras have now
+  sv_ns turn_ns;               // when they get the next one
   sv_camera_events events;
 } sv_v4l2;
 

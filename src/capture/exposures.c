@@ -416,7 +416,8 @@ sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const s
                            const sv_kernels *k, const sv_pool *pool, sv_err *err) {
   const int slot = e->i_next, with = has_spare(&e->cfg) ? e->cfg.cap_exposures : slot;
   e->reason = SV_DROP_NOT_DUE;
-  if (!sv_spacing_is_due(&e->spacing, exposure->time_ns)) return SV_DROPPED;
+  const sv_spacing_exposure judged = {exposure->time_ns, frame[0].exposure_ns};
+  if (!sv_spacing_is_due(&e->spacing, &judged)) return SV_DROPPED;
   sv_status s = is_multiplexed(&e->cfg)
                     ? sv_measurements_put(&e->measurements, slot, exposure, frame, pool, err)
                     : put_pictures(e, e->place[with], frame, k, pool, err);
@@ -424,14 +425,14 @@ sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const s
   if (s < 0) return s;
   if (!is_multiplexed(&e->cfg)) {
     const sv_image_u8 first = image_at(e, e->place[with], 0);
-    if (!sv_spacing_has_moved(&e->spacing, &first, exposure->time_ns)) return SV_DROPPED;
+    if (!sv_spacing_has_moved(&e->spacing, &first, &judged)) return SV_DROPPED;
     e->reason = SV_DROP_BLURRED;
     if (e->cfg.is_blur_dropped && is_blurred(e, e->place[with], &(sv_compute){k, pool})) return SV_DROPPED;
     const int place = e->place[with];
     e->place[with] = e->place[slot];
     e->place[slot] = place;
   }
-  sv_spacing_keep(&e->spacing, exposure->time_ns);
+  sv_spacing_keep(&e->spacing, &judged);
   e->exposure[slot] = *exposure;
   e->i_next = (slot + 1) % e->cfg.cap_exposures;
   if (e->n < e->cfg.cap_exposures) e->n++;

@@ -15,8 +15,13 @@ void sv_spacing_init(sv_spacing *s, const sv_spacing_cfg *cfg, sv_spacing_cells 
   *s = (sv_spacing){.cfg = *cfg, .cell = cells};
 }
 
-bool sv_spacing_is_due(const sv_spacing *s, sv_ns time_ns) {
-  return !s->has_kept || s->cfg.every_ns <= 0 || time_ns >= s->due_ns - s->cfg.early_ns;
+static bool is_of_turn(const sv_spacing *s, const sv_spacing_exposure *e) {
+  return s->n_left > 0 && e->shutter_ns != s->shutter_ns;
+}
+
+bool sv_spacing_is_due(const sv_spacing *s, const sv_spacing_exposure *e) {
+  return !s->has_kept || s->cfg.every_ns <= 0 || e->time_ns >= s->due_ns - s->cfg.early_ns ||
+         is_of_turn(s, e);
 }
 
 static void thumbnail(const sv_image_u8 *im, float *cell) {
@@ -58,12 +63,12 @@ static float difference(const float *a, const float *b, int dx, int dy) {
   return sum / (float)n;
 }
 
-bool sv_spacing_has_moved(sv_spacing *s, const sv_image_u8 *image, sv_ns time_ns) {
-  if (!s->cfg.is_by_motion) return true;
+bool sv_spacing_has_moved(sv_spacing *s, const sv_image_u8 *image, const sv_spacing_exposure *e) {
+  if (!s->cfg.is_by_motion || is_of_turn(s, e)) return true;
   thumbnail(image, s->cell[1]);
   const bool is_flat = !normalize(s->cell[1]);
   if (is_flat) memset(s->cell[1], 0, sizeof s->cell[1]);
-  if (!s->has_kept || time_ns - s->kept_ns >= SV_SPACING_STILL_NS) return true;
+  if (!s->has_kept || e->time_ns - s->kept_ns >= SV_SPACING_STILL_NS) return true;
   if (is_flat) return false;
   int best_x = 0, best_y = 0;
   float best = difference(s->cell[0], s->cell[1], 0, 0);
@@ -79,7 +84,12 @@ bool sv_spacing_has_moved(sv_spacing *s, const sv_image_u8 *image, sv_ns time_ns
          best > 2 * (1 - MIN_EXPLAINED);
 }
 
-void sv_spacing_keep(sv_spacing *s, sv_ns time_ns) {
+void sv_spacing_keep(sv_spacing *s, const sv_spacing_exposure *e) {
+  const sv_ns time_ns = e->time_ns;
+  const bool is_more = is_of_turn(s, e);
+  s->shutter_ns = e->shutter_ns;
+  s->n_left = is_more ? s->n_left - 1 : s->cfg.n_brackets - 1;
+  if (is_more) return;
   // On the grid of times, so that frame times do not add up; anew after a pause.
   s->due_ns = s->has_kept && s->due_ns + s->cfg.every_ns > time_ns ? s->due_ns : time_ns;
   s->due_ns += s->cfg.every_ns;

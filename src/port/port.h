@@ -128,6 +128,7 @@ typedef struct {
   // and all cameras of which this holds have the same ones, but for exposure times that frames tell
   bool is_light_shared;
   bool is_exposure_told; // nothing but the shutter time changes, and frames tell it
+  int n_brackets;        // shutter times that frames have in turn; 0: one
   bool is_color_known;   // the same light gives the same value at every pixel and in all cameras of
                          // which this holds
   sv_sensor_area area;   // what the frames show of the sensor; sensor size 0: not known
@@ -151,6 +152,7 @@ typedef struct {
   int chroma_stride_bytes;
   int coded_x0_px, coded_y0_px; // its position in the compressed image (caps.coded_*)
   bool is_error;                // the driver delivered it and flagged it as damaged
+  bool is_unsettled;            // its shutter time was changing and is not known
   int i_buffer;                 // private to the source
 } sv_frame;
 

@@ -247,8 +247,8 @@ static sv_status enqueue(sv_sync *s, int c, const sv_frame *f, sv_ns steady_ns) 
   sv_ns mid_ns = mid_host_ns(st, f, steady_ns);
   st->last_mid_host_ns = mid_ns;
   st->has_host = true;
-  if (st->is_closed && mid_ns <= st->closed_ns) {
-    give_back(s, f, SV_DROP_LATE);
+  if (f->is_unsettled || (st->is_closed && mid_ns <= st->closed_ns)) {
+    give_back(s, f, f->is_unsettled ? SV_DROP_UNSETTLED : SV_DROP_LATE);
     return SV_DROPPED;
   }
   make_room(s, c);

@@ -32,6 +32,11 @@ static uint8_t mark(int i, uint32_t sequence) {
   return (uint8_t)(1 + (sequence * 7 + (uint32_t)i * 31) % 254);
 }
 
+sv_ns fake_v4l2_exposure_ns(const fake_device *d, uint32_t sequence) {
+  const uint32_t back = sequence < (uint32_t)d->n_delay ? sequence : (uint32_t)d->n_delay;
+  return d->exposure[(sequence - back) % 64] * 100 * SV_NS_PER_US;
+}
+
 bool fake_v4l2_is_frame(const uint8_t *data, int i, uint32_t sequence) {
   for (int k = 0; k < FAKE_V4L2_WIDTH_PX * FAKE_V4L2_HEIGHT_PX; k++)
     if (data[k] != mark(i, sequence)) return false;
@@ -74,6 +79,7 @@ static void advance(fake_v4l2 *f) {
           free_->stamp_ns = d->next_ns - 5 * SV_NS_PER_MS;
           fill(f, d, free_);
         }
+        d->exposure[d->sequence % 64] = d->control[1];
         d->sequence++;
       }
       d->next_ns += period_ns(d);

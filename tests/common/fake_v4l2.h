@@ -48,7 +48,9 @@ typedef struct {
   int signal_errno;              // 0: there is one
   int signal_width_px;           // 0: as set
   bool has_event, is_subscribed; // SOURCE_CHANGE waits
+  int n_delay;                   // frames until a new exposure time is in effect
   // what it does
+  int32_t exposure[64]; // value of the control when frame number % 64 began
   int n_open, fd;
   bool is_streaming;
   uint32_t fourcc;
@@ -88,6 +90,8 @@ void fake_v4l2_plug(fake_v4l2 *f, int i);   // back, with all settings as new
 // The signal at input i is another one (width 0: the old one again; an error number: none), and the
 // driver says so.
 void fake_v4l2_signal(fake_v4l2 *f, int i, int width_px, int error);
+// With which exposure time one of the last 50 frames was taken.
+sv_ns fake_v4l2_exposure_ns(const fake_device *d, uint32_t sequence);
 // Was the picture written by frame number `sequence` of device i, and is it still so?
 bool fake_v4l2_is_frame(const uint8_t *data, int i, uint32_t sequence);
 

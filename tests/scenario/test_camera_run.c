@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The whole runtime on V4L2 cameras (behind their table of system calls): what they deliver is
 // converted, trained on and accounted for; faults cost exposures, never the run.
+#include <math.h>
 #include <string.h>
 
 #include "platform/camera/tiled.h"
@@ -100,6 +101,27 @@ TEST(a_grey_frame_arrives_as_it_was) {
   close_cameras();
 }
 
+// Exposure times in turn: raw frames become deep pictures, each with its own time, and what came
+// between two is counted.
+TEST(brackets_of_raw_frames_are_trained_on) {
+  int n_short = 0;
+  open_cameras(",format=pRAA,brackets=1:0.1", false);
+  for (int i = 0; i < 2; i++) fake.device[i].n_delay = 3;
+  w.cfg.is_deep = true;
+  w.cfg.spacing = (sv_spacing_cfg){.every_ns = SV_NS_PER_S, .n_brackets = w.caps[0].n_brackets};
+  must_run();
+  for (int i = 0; i < 6; i++) {
+    sv_image_deep deep;
+    sv_exposures_deep(&w.app.exposures, i, 1, &deep);
+    const bool is_short = fabsf(deep.exposure - 0.1f) < 0.01f;
+    assert_true(is_short || deep.exposure == 1);
+    n_short += is_short;
+  }
+  assert_int_equal(n_short, 3);
+  assert_true(sv_sync_ledger(&w.app.queue.sync, 1)->dropped[SV_DROP_UNSETTLED] > 10);
+  close_cameras();
+}
+
 // The header and the end are there, what lies between is not a picture: only the decoder sees it.
 TEST(a_damaged_picture_costs_its_exposure) {
   open_cameras(",format=MJPG", false);
@@ -181,6 +203,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(each_kind_of_frame_is_trained_on),
       cmocka_unit_test(a_grey_frame_arrives_as_it_was),
+      cmocka_unit_test(brackets_of_raw_frames_are_trained_on),
       cmocka_unit_test(a_damaged_picture_costs_its_exposure),
       cmocka_unit_test(short_frames_are_dropped_by_name),
       cmocka_unit_test(a_host_held_up_at_the_start_costs_no_exposure),

@@ -258,17 +258,22 @@ TEST(no_heap_call_a_frame) {
 static uint8_t g_rgb[2][40 * 30 * 3];
 
 static sv_status open_named(sv_capture_writer *w, const char *dir, const char *name0, const char *name1) {
-  sv_camera_caps caps[2] = {
-      {.width_px = 40,
-       .height_px = 30,
-       .fps = 25,
-       .clock = SV_CLOCK_CAMERA,
-       .stamp = SV_STAMP_END,
-       .is_light_locked = true,
-       .is_light_shared = true,
-       .is_exposure_told = true,
-       .area = {100, 80, 10, 10, 80, 60.5}},
-      {.width_px = 40, .height_px = 30, .fps = 25, .clock = SV_CLOCK_BOOTTIME, .is_exposure_told = true}};
+  sv_camera_caps caps[2] = {{.width_px = 40,
+                             .height_px = 30,
+                             .fps = 25,
+                             .clock = SV_CLOCK_CAMERA,
+                             .stamp = SV_STAMP_END,
+                             .is_light_locked = true,
+                             .is_light_shared = true,
+                             .is_exposure_told = true,
+                             .area = {100, 80, 10, 10, 80, 60.5}},
+                            {.width_px = 40,
+                             .height_px = 30,
+                             .fps = 25,
+                             .clock = SV_CLOCK_BOOTTIME,
+                             .is_exposure_told = true,
+                             .is_light_shared = true,
+                             .n_brackets = 3}};
   sv_capture_writer_cfg cfg = {.dir = dir, .name = "t", .n_cameras = 2, .caps = caps, .save_period = 7};
   sv_copy(caps[0].name, sizeof caps[0].name, name0);
   sv_copy(caps[1].name, sizeof caps[1].name, name1);
@@ -337,7 +342,8 @@ static void expect_frames(const char *dir, int n) {
   assert_true(g_replay.capture.cameras[0].caps.stamp == SV_STAMP_END);
   const sv_camera_caps *light[2] = {&g_replay.capture.cameras[0].caps, &g_replay.capture.cameras[1].caps};
   assert_true(light[0]->is_light_locked && light[0]->is_light_shared && light[0]->is_exposure_told);
-  assert_true(!light[1]->is_light_locked && !light[1]->is_light_shared && light[1]->is_exposure_told);
+  assert_true(!light[1]->is_light_locked && light[1]->is_light_shared && light[1]->is_exposure_told);
+  assert_true(light[0]->n_brackets == 0 && light[1]->n_brackets == 3);
   const sv_sensor_area *a = &g_replay.capture.cameras[0].caps.area;
   assert_true(a->sensor_width_px == 100 && a->sensor_height_px == 80 && a->x0_px == 10 &&
               a->height_px == 60.5);

@@ -14,13 +14,19 @@ static sv_spacing_cells cells[2];
 static uint8_t px[H * W * 3];
 static sv_spacing s;
 
+static bool is_due(sv_ns at) { return sv_spacing_is_due(&s, &(sv_spacing_exposure){at, 0}); }
+static bool has_moved(const sv_image_u8 *image, sv_ns at) {
+  return sv_spacing_has_moved(&s, image, &(sv_spacing_exposure){at, 0});
+}
+static void keep(sv_ns at) { sv_spacing_keep(&s, &(sv_spacing_exposure){at, 0}); }
+
 static int kept_of(const sv_spacing_cfg *cfg, int n_frames, sv_ns frame_ns) {
   int n = 0;
   sv_spacing_init(&s, cfg, cells);
   for (int i = 0; i < n_frames; i++) {
     const sv_ns at = 5 * SV_NS_PER_S + i * frame_ns;
-    if (!sv_spacing_is_due(&s, at)) continue;
-    sv_spacing_keep(&s, at);
+    if (!is_due(at)) continue;
+    keep(at);
     n++;
   }
   return n;
@@ -41,10 +47,10 @@ TEST(test_time) {
 TEST(test_time_after_a_pause) {
   const sv_spacing_cfg cfg = {.every_ns = SV_NS_PER_S};
   sv_spacing_init(&s, &cfg, cells);
-  sv_spacing_keep(&s, 0);
-  sv_spacing_keep(&s, 10 * SV_NS_PER_S); // a camera was away
-  assert_false(sv_spacing_is_due(&s, 10 * SV_NS_PER_S + SV_NS_PER_S / 2));
-  assert_true(sv_spacing_is_due(&s, 11 * SV_NS_PER_S));
+  keep(0);
+  keep(10 * SV_NS_PER_S); // a camera was away
+  assert_false(is_due(10 * SV_NS_PER_S + SV_NS_PER_S / 2));
+  assert_true(is_due(11 * SV_NS_PER_S));
 }
 
 // Smooth blobs, moved by (dx, dy) pixels and lit by gain.
@@ -62,10 +68,10 @@ static bool moves(int dx, int dy, double gain, sv_ns after_ns) {
   const sv_spacing_cfg cfg = {.is_by_motion = true};
   sv_image_u8 first = draw(0, 0, 1);
   sv_spacing_init(&s, &cfg, cells);
-  assert_true(sv_spacing_has_moved(&s, &first, 0));
-  sv_spacing_keep(&s, 0);
+  assert_true(has_moved(&first, 0));
+  keep(0);
   sv_image_u8 second = draw(dx, dy, gain);
-  return sv_spacing_has_moved(&s, &second, after_ns);
+  return has_moved(&second, after_ns);
 }
 
 TEST(test_motion) {
@@ -84,16 +90,33 @@ TEST(test_dark_pictures_wait) {
   const sv_spacing_cfg cfg = {.is_by_motion = true};
   sv_image_u8 dark = draw(0, 0, 0);
   sv_spacing_init(&s, &cfg, cells);
-  assert_true(sv_spacing_has_moved(&s, &dark, 0));
-  sv_spacing_keep(&s, 0);
-  assert_false(sv_spacing_has_moved(&s, &dark, SV_NS_PER_S / 2));
-  assert_true(sv_spacing_has_moved(&s, &dark, SV_NS_PER_S));
+  assert_true(has_moved(&dark, 0));
+  keep(0);
+  assert_false(has_moved(&dark, SV_NS_PER_S / 2));
+  assert_true(has_moved(&dark, SV_NS_PER_S));
+}
+
+// Of three shutter times in turn, each for two frames, one of each is kept when one is due.
+TEST(test_brackets) {
+  const sv_spacing_cfg cfg = {.every_ns = SV_NS_PER_S, .n_brackets = 3};
+  static const int kept[] = {0, 2, 4, 30, 32, 34, 60, 62, 64};
+  int n = 0;
+  sv_spacing_init(&s, &cfg, cells);
+  for (int i = 0; i < 90; i++) {
+    const sv_spacing_exposure e = {i * SV_NS_PER_S / 30, 1 + i / 2 % 3};
+    if (!sv_spacing_is_due(&s, &e)) continue;
+    assert_true(n < 9);
+    assert_int_equal(i, kept[n++]);
+    sv_spacing_keep(&s, &e);
+  }
+  assert_int_equal(n, 9);
 }
 
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_time),
       cmocka_unit_test(test_time_after_a_pause),
+      cmocka_unit_test(test_brackets),
       cmocka_unit_test(test_motion),
       cmocka_unit_test(test_dark_pictures_wait),
   };

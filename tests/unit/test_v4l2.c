@@ -230,65 +230,6 @@ TEST(controls_hold_still_and_are_given_back) {
   assert_memory_equal(d->control, before, sizeof before);
 }
 
-// lock=shared: one camera measures, all get its values, also after a fault.
-TEST(light_is_shared) {
-  static const int32_t first[3] = {300, 20, 3500}, second[3] = {90, 200, 6000};
-  static const int at[3] = {1, 2, 4};
-  int32_t before[FAKE_V4L2_N_CONTROLS];
-  for (int i = 0; i < 3; i++) {
-    fake.device[0].control[at[i]] = first[i];
-    fake.device[1].control[at[i]] = second[i];
-  }
-  memcpy(before, fake.device[1].control, sizeof before);
-  must_open("/dev/video0,/dev/video1,settle=100,lock=shared");
-  assert_true(caps(0)->is_light_shared && caps(1)->is_light_locked);
-  assert_int_equal(src.start(src.self), SV_OK);
-  for (int i = 0; i < 3; i++) assert_int_equal(fake.device[1].control[at[i]], first[i]);
-  assert_int_equal(fake.device[1].control[0], V4L2_EXPOSURE_MANUAL);
-  fake_v4l2_unplug(&fake, 1);
-  run_for(200 * SV_NS_PER_MS);
-  fake_v4l2_plug(&fake, 1);
-  run_for(200 * SV_NS_PER_MS);
-  for (int i = 0; i < 3; i++) assert_int_equal(fake.device[1].control[at[i]], first[i]);
-  close_all();
-  assert_memory_equal(fake.device[1].control, before, sizeof before);
-  must_open("/dev/video0,/dev/video1,settle=0");
-  assert_false(caps(0)->is_light_shared); // each has its own values
-  close_all();
-  must_open("/dev/video0,/dev/video1,settle=0,exposure=8000,gain=20,wb=5000");
-  assert_true(caps(0)->is_light_shared);
-  close_all();
-  fake.device[1].has_controls = false;
-  assert_int_equal(open_spec("/dev/video0,/dev/video1,lock=shared"), SV_E_UNSUPPORTED);
-  assert_contains(err.text, "which lock=shared would set");
-}
-
-// A camera that is known to be more sensitive than the first gets a shorter exposure time, within
-// its control's range, and its frames tell it.
-TEST(shared_light_is_over_the_response) {
-  static const float responses[3][2] = {{1, 1.5f}, {2, 1}, {1, 0.05f}};
-  static const int32_t must[3] = {200, 600, 5000};
-  static float response[2];
-  for (int k = 0; k < 3; k++) {
-    fake.device[0].control[1] = 300;
-    fake.device[1].control[1] = 90;
-    must_open("/dev/video0,/dev/video1,settle=0,lock=shared");
-    v.cfg.response = response;
-    for (int i = 0; i < 2; i++) response[i] = responses[k][i]; // known later than the cameras
-    assert_int_equal(src.start(src.self), SV_OK);
-    assert_int_equal(fake.device[0].control[1], 300);
-    assert_int_equal(fake.device[1].control[1], must[k]);
-    assert_true(caps(1)->is_light_shared);
-    for (int n = 0; n < 4; n++) {
-      sv_frame f;
-      assert_int_equal(src.dequeue(src.self, &f, fake.now_ns + SV_NS_PER_S), SV_OK);
-      assert_int_equal(f.exposure_ns, (f.i_camera ? must[k] : 300) * 100 * SV_NS_PER_US);
-      assert_int_equal(src.requeue(src.self, &f), SV_OK);
-    }
-    close_all();
-  }
-}
-
 TEST(unlocked_controls_are_left_alone) {
   int32_t before[FAKE_V4L2_N_CONTROLS];
   memcpy(before, fake.device[0].control, sizeof before);
@@ -538,8 +479,6 @@ int main(void) {
       T(buffers_are_exported),
       T(pulses_come_while_all_cameras_stream),
       T(controls_hold_still_and_are_given_back),
-      T(light_is_shared),
-      T(shared_light_is_over_the_response),
       T(unlocked_controls_are_left_alone),
       T(an_unplugged_camera_comes_back),
       T(a_broken_queue_is_opened_again),
