@@ -114,13 +114,34 @@ TEST(test_shared_mask) {
   assert_contains(shell.said, "with commas between them");
 }
 
+// One view pins nothing down, three do.
+TEST(test_supported_mask) {
+  double covered[2];
+  static const char *const names[] = {"mono", "phone"};
+  lab_shell_need(&shell);
+  for (int i = 0; i < 2; i++) {
+    char line[300];
+    snprintf(line, sizeof line,
+             "@ eval --data s --model %s/model.ply --split test --mask supported --json --quiet", names[i]);
+    lab_shell_run_well(&shell, line);
+    covered[i] = number("\"support_coverage\"");
+  }
+  assert_true(number("\"supported_psnr\"") > 0);
+  print_message("well supported: %.4f and %.4f of the pixels\n", covered[0], covered[1]);
+  assert_true(covered[0] == 0 && covered[1] > 0.02);
+  assert_int_equal(
+      lab_shell_run(&shell, "@ eval --data s --model mono/model.ply --mask supported --mask-with x"), 2);
+  assert_contains(shell.said, "--mask-with needs --mask covisible");
+}
+
 int main(void) {
   char here[500];
   if (!getcwd(here, sizeof here - 20)) return 1;
   strcat(here, "/tests/data");
   setenv("SV_DATA", here, 1);
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_theta), cmocka_unit_test(test_points),
-                                     cmocka_unit_test(test_refused), cmocka_unit_test(test_rig),
-                                     cmocka_unit_test(test_shared_mask)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_theta),       cmocka_unit_test(test_points),
+      cmocka_unit_test(test_refused),     cmocka_unit_test(test_rig),
+      cmocka_unit_test(test_shared_mask), cmocka_unit_test(test_supported_mask)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -167,8 +167,8 @@ TEST(plan_counts_it) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(shows_the_last_exposures_as_they_were), cmocka_unit_test(gaps_are_filled),
-      cmocka_unit_test(none_is_asked_for), cmocka_unit_test(plan_counts_it)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(shows_the_last_exposures_as_they_were),
+                                     cmocka_unit_test(gaps_are_filled), cmocka_unit_test(none_is_asked_for),
+                                     cmocka_unit_test(plan_counts_it)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

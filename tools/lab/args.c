@@ -147,8 +147,10 @@ static const sv_option table[] = {
      0, 0, 0},
     {"depth", SV_OPT_FLAG, LAB_EVAL | LAB_RENDER, 0, AT(has_depth), 0,
      "eval: fail if the views have no ground-truth depth; render: also write 16-bit depth PNGs", 0, 0, 0},
-    {"mask", SV_OPT_WORD, LAB_TRAIN | LAB_EVAL, 0, AT(mask), "covisible",
-     "also score the pixels seen by training views alone; train: with --eval", 0, 0, 0},
+    {"mask", SV_OPT_WORD, LAB_TRAIN | LAB_EVAL, 0, AT(mask), "covisible|supported",
+     "also score the pixels that training views saw (covisible), or that show what two of them saw from "
+     "directions at least 2.5 degrees apart, by the model's Gaussians (supported); train: with --eval",
+     0, 0, 0},
     {"mask-with", SV_OPT_TEXT, LAB_EVAL, 0, AT(mask_with), "FILE[,FILE...]",
      "with --mask: training files of the other devices of a comparison; also score the pixels that the "
      "training views of every device see, the same for each of them",
@@ -288,7 +290,8 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
         "also go with spatial");
   if (o->steps >= 0 && o->time_limit_s >= 0)
     return lab_usage(c->name, "--steps and --time-limit cannot be combined");
-  if (o->mask_with && !o->mask) return lab_usage(c->name, "--mask-with needs --mask");
+  if (o->mask_with && !(o->mask && sv_str_eq(o->mask, "covisible")))
+    return lab_usage(c->name, "--mask-with needs --mask covisible");
   if (c->bit == LAB_INFO && (o->data != NULL) == (o->rig != NULL))
     return lab_usage(c->name, "--data or --rig is needed, and not both");
   if (c->bit == LAB_INFO && (o->rig != NULL) != (o->distance_m > 0))

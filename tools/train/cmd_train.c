@@ -350,7 +350,8 @@ static sv_status evaluate(run *r, sv_err *err) {
                       .panel_folder = folder,
                       .n_panels = N_PANELS,
                       .has_lpips = r->o->has_lpips,
-                      .mask_from = r->o->mask ? &train : NULL};
+                      .mask_from = r->o->mask ? &train : NULL,
+                      .is_by_support = r->o->mask && sv_str_eq(r->o->mask, "supported")};
   job.render.has_depth = v.has_depth;
   job.motion.deform = r->plan.trainer.cfg.has_motion ? &r->plan.dynamic.deform : NULL;
   if (s == SV_OK) s = lab_evaluate(&v, &job, &r->scores, err);

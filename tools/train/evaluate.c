@@ -7,6 +7,7 @@
 
 #include "src/metric/metric.h"
 #include "tools/train/masks.h"
+#include "tools/train/support_mask.h"
 #include "tools/metric/lpips.h"
 
 #define OPAQUE    250   // of 255: alpha of a pixel whose depth is compared
@@ -65,8 +66,9 @@ typedef struct {
   sv_lpips *lpips; // NULL: not wanted
   // [0]: of the training views, then of other devices'; NULL: not wanted
   lab_masks *masks[1 + LAB_CAP_SHARED];
-  int n_masks;        // forms of scores over masks
-  uint8_t *one_other; // [h][w] the mask of one other device
+  lab_support_mask *support; // NULL: not wanted
+  int n_masks;               // forms of scores over masks
+  uint8_t *one_other;        // [h][w] the mask of one other device
   slot *slots;
   int n_slots, i0; // slots hold the views by_lens[i0] and on
 } run;
@@ -218,7 +220,8 @@ static sv_status mask_slot(run *r, slot *s, const lab_frame *f, sv_err *err) {
   size_t n = (size_t)f->view.width_px * (size_t)f->view.height_px;
   lab_masked_view view = {
       .frame = f, .picture = s->truth_u8, .depth = r->job->render.has_depth ? s->depth_true : NULL};
-  sv_status st = lab_masks_make(r->masks[0], &view, s->seen[LAB_MASK_OWN], err);
+  sv_status st = r->support ? lab_support_mask_make(r->support, &f->view, s->seen[LAB_MASK_OWN], err)
+                            : lab_masks_make(r->masks[0], &view, s->seen[LAB_MASK_OWN], err);
   if (r->n_masks > 1) memcpy(s->seen[LAB_MASK_SHARED], s->seen[LAB_MASK_OWN], n);
   for (int k = 1; st == SV_OK && k <= r->job->n_shared; k++) {
     st = lab_masks_make(r->masks[k], &view, r->one_other, err);
@@ -374,6 +377,12 @@ static sv_status open_masks(run *r, lab_scores *out, sv_err *err) {
   const lab_eval_job *job = r->job;
   sv_status s = SV_OK;
   if (!job->mask_from) return SV_OK;
+  if (job->is_by_support) {
+    r->n_masks = out->n_masks = 1;
+    out->is_by_support = true;
+    out->covisible_by = "support";
+    return lab_support_mask_open(&r->support, job, r->v, job->mask_from, err);
+  }
   for (int k = 0; k <= job->n_shared && s == SV_OK; k++)
     s = lab_masks_open(&r->masks[k], job->session, r->v, k ? &job->shared_with[k - 1] : job->mask_from,
                        job->render.bg, err);
@@ -413,6 +422,7 @@ sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *
   free(r.loaders);
   sv_lpips_close(r.lpips);
   for (int k = 0; k <= LAB_CAP_SHARED; k++) lab_masks_close(r.masks[k]);
+  lab_support_mask_close(r.support);
   free(r.one_other);
   lab_viewer_stop(&r.viewer);
   return s;

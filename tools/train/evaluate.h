@@ -36,6 +36,7 @@ typedef struct {
   void *of;
   bool has_lpips;
   const lab_source *mask_from; // NULL, or the training views: also scores what these have seen
+  bool is_by_support; // with mask_from: not what they have seen, but what they pin down (support_mask.h)
   // [n_shared] with mask_from: training views of other devices. Also scores what those of every
   // device have seen, which are the same pixels for each of the devices.
   const lab_source *shared_with;
@@ -63,7 +64,8 @@ typedef struct {
   int n_with_mask; // views with a mask of their own; scores are over the pixels that count
   double counted;  // mean share of those
   bool has_lpips;
-  const char *covisible_by; // "depth" or "flow"; NULL without masks
+  const char *covisible_by; // "depth", "flow", or "support"; NULL without masks
+  bool is_by_support;
   double load_s, render_s, compare_s;
 } lab_scores;
 

@@ -5,7 +5,9 @@
 
 static const char *const own_keys[] = {"mask_coverage", "masked_views", "mpsnr", "mssim", "mlpips"},
                          *const shared_keys[] = {"shared_coverage", "shared_views", "shared_psnr",
-                                                 "shared_ssim", "shared_lpips"};
+                                                 "shared_ssim", "shared_lpips"},
+                         *const support_keys[] = {"support_coverage", "supported_views", "supported_psnr",
+                                                  "supported_ssim", "supported_lpips"};
 
 static void report_masked(lab_report *j, const lab_masked_scores *m, const char *const keys[5],
                           bool has_lpips) {
@@ -29,7 +31,8 @@ void lab_scores_report(lab_report *j, const lab_scores *s) {
     lab_report_int(j, "views_with_mask", s->n_with_mask);
     lab_report_num(j, "unmasked", s->counted);
   }
-  if (s->covisible_by) {
+  if (s->is_by_support) report_masked(j, &s->masked[LAB_MASK_OWN], support_keys, s->has_lpips);
+  else if (s->covisible_by) {
     lab_report_text(j, "covisible_by", s->covisible_by);
     report_masked(j, &s->masked[LAB_MASK_OWN], own_keys, s->has_lpips);
   }
@@ -45,8 +48,10 @@ void lab_scores_print(const lab_scores *s) {
   if (!s->covisible_by) return;
   for (int k = 0; k < s->n_masks; k++) {
     const lab_masked_scores *m = &s->masked[k];
-    printf("; %.1f %% of the pixels co-visible %s%s", 100 * m->coverage,
-           k == LAB_MASK_OWN ? "by " : "for all devices", k == LAB_MASK_OWN ? s->covisible_by : "");
+    if (s->is_by_support) printf("; %.1f %% of the pixels well supported", 100 * m->coverage);
+    else
+      printf("; %.1f %% of the pixels co-visible %s%s", 100 * m->coverage,
+             k == LAB_MASK_OWN ? "by " : "for all devices", k == LAB_MASK_OWN ? s->covisible_by : "");
     if (m->n) printf(": mPSNR %.2f dB, mSSIM %.4f", m->psnr, m->ssim);
     if (m->n && s->has_lpips) printf(", mLPIPS %.4f", m->lpips);
   }
