@@ -99,7 +99,7 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
     cfg->sh_step = 2.0f; // one view cannot tell how colour turns: never
   if (!is_grid) return;
   cfg->weight_tv = 0.05f;
-  cfg->weight_tv_novel = s->is_multiplexed ? 0.5f : 0.1f;
+  cfg->weight_tv_novel = 0.1f;
   cfg->n_novel = 1;
   cfg->novel_every = 4;
   if (s->is_multiplexed) cfg->weight_ssim = 0.3f; // structure tells whose light a pixel holds

@@ -36,7 +36,7 @@ typedef struct {
   void *of;
   bool has_lpips;
   const lab_source *mask_from; // NULL, or the training views: also scores what these have seen
-  bool is_by_support; // with mask_from: what they pin down instead (support_mask.h)
+  bool is_by_support;          // with mask_from: what they pin down instead (support_mask.h)
   // [n_shared] with mask_from: training views of other devices. Also scores what those of every
   // device have seen, which are the same pixels for each of the devices.
   const lab_source *shared_with;
