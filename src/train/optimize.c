@@ -49,6 +49,12 @@ float sv_train_mean_lr(const sv_train_cfg *cfg, float progress) {
   return (float)sv_exp(a + (b - a) * (double)sv_clampf(progress, 0.0f, 1.0f));
 }
 
+float sv_train_settling(const sv_train_cfg *c, float progress) {
+  if (progress <= c->settle_from || !(c->settle_from < 1.0f)) return 1.0f;
+  const float share = sv_minf((progress - c->settle_from) / (1.0f - c->settle_from), 1.0f);
+  return 1.0f - (1.0f - c->settle_rate) * share;
+}
+
 static void fill_rates(job *j, float mean_lr, float f, float boost) {
   const sv_learning_rates *lr = &j->t->cfg.lr;
   for (int i = 0; i < SV_CAP_ROWS; i++) {
@@ -62,8 +68,9 @@ static void fill_rates(job *j, float mean_lr, float f, float boost) {
   }
 }
 
-static sv_adam_args adam_args(job *j, float mean_lr, double bias1, double bias2) {
-  fill_rates(j, mean_lr, (float)(1.0 / bias1), sv_train_short_run_boost(&j->t->cfg));
+static sv_adam_args adam_args(job *j, float mean_lr, float progress, double bias1, double bias2) {
+  const float settling = sv_train_settling(&j->t->cfg, progress);
+  fill_rates(j, mean_lr, settling * (float)(1.0 / bias1), sv_train_short_run_boost(&j->t->cfg));
   return (sv_adam_args){.beta1 = KEEP_GRADIENT,
                         .beta2 = 0.999f,
                         .eps = 1e-15f,
@@ -82,10 +89,11 @@ static float newton_rate(const sv_train_cfg *c, float progress) {
 
 static sv_newton_args newton_args(job *j, float mean_lr, float progress) {
   const sv_newton_cfg *c = &j->t->cfg.newton;
-  fill_rates(j, mean_lr, c->cap, 1.0f);
-  for (int i = SV_ROW_SCALE; i < SV_ROW_LOGIT; i++) j->lr[i] = c->cap_scale * j->t->cfg.lr.scale;
+  const float settling = sv_train_settling(&j->t->cfg, progress);
+  fill_rates(j, mean_lr, settling * c->cap, 1.0f);
+  for (int i = SV_ROW_SCALE; i < SV_ROW_LOGIT; i++) j->lr[i] = settling * c->cap_scale * j->t->cfg.lr.scale;
   return (sv_newton_args){.beta1 = KEEP_GRADIENT,
-                          .rate = newton_rate(&j->t->cfg, progress),
+                          .rate = settling * newton_rate(&j->t->cfg, progress),
                           .damping = c->damping,
                           .cap = j->lr,
                           .n_rows = SV_N_ROWS(j->t->render.project.sh_degree)};
@@ -361,7 +369,7 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
   j.is_error_due = sv_train_is_error_due(t, progress);
   double bias1 = 1.0 - sv_pow(0.9, step), bias2 = 1.0 - sv_pow(0.999, step);
   j.noise_gain = is_noisy ? t->cfg.noise * 5e5f * mean_lr / t->radius : 0.0f;
-  j.adam = adam_args(&j, mean_lr * t->radius, bias1, bias2); // motion's, too
+  j.adam = adam_args(&j, mean_lr * t->radius, progress, bias1, bias2); // motion's, too
   if (t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON)
     j.newton = newton_args(&j, mean_lr * t->radius, progress);
   if (SV_TRAIN_HAS(t, begin_update)) t->hooks->begin_update(t->hooked, progress, &j.adam);

@@ -19,6 +19,8 @@ float sv_train_mean_lr(const sv_train_cfg *cfg, float progress); // per unit of 
 // of scales, opacities and colours (with Adam alone), and end with higher ones of means: by
 // sqrt(2000 / expected_steps), at most 2.5; the means' by its square.
 float sv_train_short_run_boost(const sv_train_cfg *cfg);
+// Factor on all rates at this progress (sv_train_cfg.settle_from).
+float sv_train_settling(const sv_train_cfg *cfg, float progress);
 // Minimum log-scales from the views that see each Gaussian: the log of min_scale_px z / f at the
 // highest f / z. What is smaller was never measured (Mip-Splatting, Yu et al. 2024, eq. 7), and
 // would look thin from nearer cameras.

@@ -36,6 +36,8 @@ sv_train_cfg sv_train_defaults(void) {
              .logit = 0.05f,
              .sh0 = 2.5e-3f,
              .sh_rest = 2.5e-3f / 20.0f},
+      .settle_from = 1.0f,
+      .settle_rate = 0.1f,
       .optimizer = SV_OPTIMIZER_GAUSS_NEWTON,
       .newton = {.first_every = 5, // no divisors of what repeats otherwise: all kinds of views have
                                    // turns
@@ -202,6 +204,10 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
         err, SV_E_ARG,
         "an estimate of the curvature every %d and %d steps, and rates of %g to %g, expected more than 0",
         c->newton.first_every, c->newton.every, (double)c->newton.rate_start, (double)c->newton.rate_end);
+  if (!(c->settle_from >= 0) || !(c->settle_rate > 0 && c->settle_rate <= 1))
+    return sv_fail(err, SV_E_ARG,
+                   "rates fall from progress %g on to %g of themselves, expected 0 or more, and above 0 to 1",
+                   (double)c->settle_from, (double)c->settle_rate);
   if (c->start_scale != 1 && c->start_scale != 2 && c->start_scale != 4 && c->start_scale != 8)
     return sv_fail(err, SV_E_ARG, "the starting scale is %d, expected 1, 2, 4 or 8", c->start_scale);
   return SV_OK;

@@ -108,6 +108,10 @@ typedef struct sv_train_cfg {
   float dropout;       // Share of the Gaussians that a step drops, 0 to 1. Default 0.
   float dropout_until; // Progress until which it does. Default 1.
   sv_learning_rates lr;
+  // Progress from which all learning rates and Newton steps fall linearly, so that the model ends
+  // as the mean of all views and not at the last ones; 1: they do not. Default 1.
+  float settle_from;
+  float settle_rate;      // Their factor at the end of the run, above 0 to 1. Default 0.1.
   sv_optimizer optimizer; // Default Gauss-Newton.
   sv_newton_cfg newton;
   int start_scale; // Coarse to fine: images are reduced by 1, 2, 4 or 8 at first. Default 4.

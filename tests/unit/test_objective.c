@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the way in which exposures sample a scene decides.
 #include "src/train/objective.h"
+#include "src/train/optimize.h"
 #include "tests/common/test.h"
 
 static sv_train_cfg of_gaussians(int n, int n_exposures, int n_sub_views, bool is_multiplexed,
@@ -47,6 +48,26 @@ TEST(test_relocated_share) {
   }
 }
 
+// With many exposures of a still scene rates stay until late, then fall to the end; else they do
+// not settle.
+TEST(test_settling) {
+  assert_true(sv_train_settling(&(sv_train_cfg){.settle_from = 1, .settle_rate = 0.1f}, 1) == 1);
+  for (int n = 1; n <= 30; n++) {
+    const sv_train_cfg c = of(n, 2, false, false);
+    float before = 1;
+    assert_true((c.settle_from < 1) == (n >= 18));
+    assert_true((c.newton.rate_end == c.newton.rate_start) == (n >= 18));
+    assert_true(of(n, 2, false, true).settle_from == 1 && of(n, 16, true, false).settle_from == 1);
+    for (int i = 0; i <= 100 && n >= 18; i++) {
+      const float factor = sv_train_settling(&c, 0.01f * (float)i);
+      assert_true(factor <= before && (factor < 1) == (i > 80));
+      before = factor;
+    }
+    assert_true(n < 18 || (before > 0.0999f && before < 0.1001f));
+    assert_true(sv_train_settling(&c, 2) == before || n < 18);
+  }
+}
+
 // A few exposures tell what is transparent by random backgrounds while the model takes shape.
 TEST(test_random_backgrounds) {
   assert_true(sv_train_defaults().random_until == 0);
@@ -89,8 +110,9 @@ TEST(test_far) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dropout), cmocka_unit_test(test_relocated_share),
-                                     cmocka_unit_test(test_random_backgrounds),
-                                     cmocka_unit_test(test_weight_of_many), cmocka_unit_test(test_far)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_dropout),        cmocka_unit_test(test_relocated_share),
+      cmocka_unit_test(test_settling),       cmocka_unit_test(test_random_backgrounds),
+      cmocka_unit_test(test_weight_of_many), cmocka_unit_test(test_far)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
