@@ -168,12 +168,19 @@ sv_status preview_open(const run_options *o, sv_err *err) {
   const sv_app_cfg planned = {.n_exposures = (int)o->exposures,
                               .is_dynamic = o->is_dynamic,
                               .is_continuous = o->is_continuous,
+                              .exposure_s = o->exposure_s,
+                              .history_s = o->history_s,
+                              .train = {.n_gaussians = (int)o->gaussians},
                               .dynamic = sv_dynamic_defaults()};
+  const sv_history_cfg history = sv_app_history_cfg(&planned);
   const sv_dynamic_cfg motion = sv_app_dynamic_cfg(&planned);
   const size_t n = o->gaussians > 0 ? (size_t)o->gaussians : 1;
   size_t n_floats = SV_GAUSSIAN_N_FLOATS((size_t)o->sh) + sv_preview_motion_floats(&motion) +
                     (sv_preview_bodies_floats(&motion) + n - 1) / n;
-  sv_status s = sv_linux_preview_open(&live, (uint32_t)o->gaussians, (uint32_t)n_floats, err);
+  const sv_linux_preview_caps caps = {.gaussians = (uint32_t)o->gaussians,
+                                      .floats = (uint32_t)n_floats,
+                                      .history_bytes = sv_history_cap_file_bytes(&history)};
+  sv_status s = sv_linux_preview_open(&live, &caps, err);
   is_open = s >= 0;
   sv_clock clock = sv_linux_clock();
   opened_ns = clock.now_ns(clock.self);

@@ -38,8 +38,8 @@ static sv_ns now_ns(void) {
 
 // --- the feed ------------------------------------------------------------------------------------
 
-static sv_status make_feed(sv_linux_preview *l, uint32_t cap_gaussians, uint32_t cap_floats, sv_err *err) {
-  l->block_bytes = sv_feed_bytes(cap_gaussians, cap_floats);
+static sv_status make_feed(sv_linux_preview *l, const sv_linux_preview_caps *caps, sv_err *err) {
+  l->block_bytes = sv_feed_bytes(caps->gaussians, caps->floats, caps->history_bytes);
   l->feed_fd = (int)syscall(SYS_memfd_create, "subview-feed", MFD_ALLOW_SEALING | MFD_CLOEXEC);
   if (l->feed_fd < 0 || ftruncate(l->feed_fd, (off_t)l->block_bytes) < 0)
     return sv_fail(err, SV_E_NOMEM, "preview: no shared memory of %zu bytes (%s)", l->block_bytes,
@@ -53,14 +53,14 @@ static sv_status make_feed(sv_linux_preview *l, uint32_t cap_gaussians, uint32_t
   // Nobody else can write to it or change its size; kernels before 5.1 lack the first of the two.
   if (fcntl(l->feed_fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_FUTURE_WRITE) < 0)
     (void)fcntl(l->feed_fd, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW);
-  sv_status s = sv_feed_init(&l->feed, l->block, l->block_bytes, cap_gaussians, cap_floats);
+  sv_status s =
+      sv_feed_init(&l->feed, l->block, l->block_bytes, caps->gaussians, caps->floats, caps->history_bytes);
   return s < 0 ? sv_fail(err, s, "preview: the feed cannot be laid out") : s;
 }
 
-sv_status sv_linux_preview_open(sv_linux_preview *l, uint32_t cap_gaussians, uint32_t cap_floats,
-                                sv_err *err) {
+sv_status sv_linux_preview_open(sv_linux_preview *l, const sv_linux_preview_caps *caps, sv_err *err) {
   *l = (sv_linux_preview){.feed_fd = -1, .pipe_fd = {-1, -1}};
-  sv_status s = make_feed(l, cap_gaussians, cap_floats, err);
+  sv_status s = make_feed(l, caps, err);
   if (s >= 0 && pipe2(l->pipe_fd, O_NONBLOCK | O_CLOEXEC) < 0)
     s = sv_fail(err, SV_E_DEVICE, "preview: no pipe (%s)", sv_linux_reason(errno));
   if (s < 0) {
@@ -162,6 +162,7 @@ static sv_command command_of(sv_linux_preview *l, char byte) {
   case SV_PREVIEW_START: return SV_COMMAND_START;
   case SV_PREVIEW_PAUSE: return SV_COMMAND_PAUSE;
   case SV_PREVIEW_SAVE: return SV_COMMAND_SAVE;
+  case SV_PREVIEW_HISTORY: return SV_COMMAND_HISTORY;
   case SV_PREVIEW_NEW: return SV_COMMAND_NEW;
   case SV_PREVIEW_CALIBRATE: return read_board(l) ? SV_COMMAND_CALIBRATE : SV_COMMAND_NONE;
   case SV_PREVIEW_DRAFT: return SV_COMMAND_DRAFT;

@@ -30,10 +30,11 @@
 // With a byte, the number of a mode (sv_feed_modes), both in one write.
 #define SV_PREVIEW_MODE 'm'
 // With a byte, the camera's number, both in one write: somebody looks at it in full view.
-#define SV_PREVIEW_LOOK   'w'
-#define SV_PREVIEW_NORMAL '1' // before Start
-#define SV_PREVIEW_DRAFT  '2'
-#define SV_PREVIEW_FINE   '3'
+#define SV_PREVIEW_LOOK    'w'
+#define SV_PREVIEW_HISTORY 'h' // of a live run, into the feed
+#define SV_PREVIEW_NORMAL  '1' // before Start
+#define SV_PREVIEW_DRAFT   '2'
+#define SV_PREVIEW_FINE    '3'
 
 typedef struct {
   sv_feed feed;
@@ -58,8 +59,13 @@ typedef struct {
   } board; // of the newest SV_COMMAND_CALIBRATE
 } sv_linux_preview;
 
+// Of the largest model and history (sv_feed_init).
+typedef struct {
+  uint32_t gaussians, floats;
+  size_t history_bytes;
+} sv_linux_preview_caps;
 // Makes the feed (a sealed memfd) and the pipe. *live stays where it is.
-sv_status sv_linux_preview_open(sv_linux_preview *live, uint32_t cap_gaussians, uint32_t cap_floats,
+sv_status sv_linux_preview_open(sv_linux_preview *live, const sv_linux_preview_caps *caps,
                                 sv_err *err) SV_MUST_USE;
 // Starts subview-preview, which lies beside this program, on ADDR:PORT, and waits until it listens
 // (3 s at most). live->token: kept when it is set, else a new one. program NULL: beside

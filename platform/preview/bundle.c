@@ -20,6 +20,7 @@ EMBED(view_js, "view.js");
 EMBED(plots_js, "plots.js");
 EMBED(tools_js, "tools.js");
 EMBED(shared_js, "shared.js");
+EMBED(past_js, "past.js");
 EMBED(scans_js, "scans.js");
 EMBED(dome_js, "dome.js");
 EMBED(pair_js, "pair.js");
@@ -38,6 +39,7 @@ const pv_page *pv_bundle(int i) {
                             {"/view.js", "text/javascript; charset=utf-8", pv_view_js, 0},
                             {"/plots.js", "text/javascript; charset=utf-8", pv_plots_js, 0},
                             {"/tools.js", "text/javascript; charset=utf-8", pv_tools_js, 0},
+                            {"/past.js", "text/javascript; charset=utf-8", pv_past_js, 0},
                             {"/scans.js", "text/javascript; charset=utf-8", pv_scans_js, 0},
                             {"/dome.js", "text/javascript; charset=utf-8", pv_dome_js, 0},
                             {"/shared.js", "text/javascript; charset=utf-8", pv_shared_js, 0},
@@ -49,10 +51,10 @@ const pv_page *pv_bundle(int i) {
                             {"/sorter.js", "text/javascript; charset=utf-8", pv_sorter_js, 0},
                             {"/icon.svg", "image/svg+xml", pv_icon_svg, 0}};
   static const char *const ends[] = {
-      pv_page_html_end, pv_page_css_end,    pv_page_js_end,      pv_view_js_end,
-      pv_plots_js_end,  pv_tools_js_end,    pv_scans_js_end,     pv_dome_js_end,
-      pv_shared_js_end, pv_pair_js_end,     pv_calibrate_js_end, pv_paint_js_end,
-      pv_raster_js_end, pv_sequence_js_end, pv_sorter_js_end,    pv_icon_svg_end};
+      pv_page_html_end, pv_page_css_end,     pv_page_js_end,  pv_view_js_end,   pv_plots_js_end,
+      pv_tools_js_end,  pv_past_js_end,      pv_scans_js_end, pv_dome_js_end,   pv_shared_js_end,
+      pv_pair_js_end,   pv_calibrate_js_end, pv_paint_js_end, pv_raster_js_end, pv_sequence_js_end,
+      pv_sorter_js_end, pv_icon_svg_end};
   if (i < 0 || i >= (int)(sizeof pages / sizeof *pages)) return NULL;
   pages[i].bytes = (size_t)(ends[i] - pages[i].text);
   return &pages[i];

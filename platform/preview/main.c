@@ -229,7 +229,9 @@ int main(int argc, char **argv) {
   if (s >= 0 && o.attach_pid) s = attach(&o, &err);
   if (s >= 0) s = map_feed(&o, &source, &err);
   if (s >= 0) start_scans(&o, &source);
-  if (s >= 0) pv_limits_set(DATA_BYTES + 6 * (size_t)source.reader.ring[SV_FEED_MODEL].slot_bytes);
+  if (s >= 0)
+    pv_limits_set(DATA_BYTES + 6 * (size_t)source.reader.ring[SV_FEED_MODEL].slot_bytes +
+                  2 * (size_t)source.reader.ring[SV_FEED_HISTORY].slot_bytes);
   if (s >= 0) s = pv_pictures_open(&source, &err);
   if (s >= 0) s = pv_model_open(&source, &err);
   if (s < 0) {

@@ -13,6 +13,7 @@
 //   GET  /picture.jpg a training picture beside its rendering, made by the device
 //   GET  /model       the Gaussians, compact (model.c); 204 when ?after=N is the newest
 //   GET  /model.ply /model.splat /model.spz   downloads
+//   GET  /history /history.svseq /history.ply the last seconds of a live run (history.h)
 //   GET  /scans /scan/NUMBER/NAME             earlier scans (scan_routes.h)
 //   POST /scan/NUMBER/delete /restore /purge  likewise, from the page that has control
 //   POST /scan/NUMBER/sog /html /glb          likewise: asks for that file; the list has it when it
@@ -75,8 +76,9 @@ typedef struct {
   pv_blob *camera[SV_FEED_CAP_TILES];      // /camera
   int64_t next_look_ns[SV_FEED_CAP_TILES]; // when the runtime is told again that it is looked at
   pv_blob *file[PV_N_FILES];
-  void *codec; // sv_codec of the pictures
-  int stale_s; // seconds without progress, 0: the run is well
+  pv_blob *history; // /history.svseq
+  void *codec;      // sv_codec of the pictures
+  int stale_s;      // seconds without progress, 0: the run is well
   pv_control control;
   pv_scans scans;
   int command_fd; // to the runtime; -1: it takes no commands

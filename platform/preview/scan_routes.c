@@ -11,6 +11,7 @@
 
 #include "platform/linux/preview.h"
 #include "platform/preview/compact.h"
+#include "platform/preview/range.h"
 #include "src/format/axes.h"
 #include "src/format/gaussian.h"
 #include "src/format/ply.h"
@@ -80,40 +81,14 @@ static void add_name(const pv_source *s, struct MHD_Response *r, uint32_t number
   MHD_add_response_header(r, "Content-Disposition", text);
 }
 
-// Bytes [from, from + n) of a file (RFC 9110, section 14). from below 0: the last -from bytes.
-typedef struct {
-  int64_t from;
-  uint64_t n;
-  bool is_part;
-} byte_range;
-
-static byte_range range_of(const char *text) {
-  const byte_range all = {0, UINT64_MAX, false};
-  long long first = 0, last = 0;
-  if (!text || strncmp(text, "bytes=", 6) != 0) return all;
-  text += 6;
-  const char *dash = strchr(text, '-');
-  if (!dash) return all;
-  const size_t n_first = (size_t)(dash - text), n_last = strlen(dash + 1);
-  if (n_first && (!sv_parse_int(text, n_first, &first) || first < 0)) return all;
-  if (n_last && (!sv_parse_int(dash + 1, n_last, &last) || last < 0)) return all;
-  if (!n_first) return n_last && last > 0 ? (byte_range){-last, (uint64_t)last, true} : all;
-  if (n_last && last < first) return all;
-  return (byte_range){first, n_last ? (uint64_t)(last - first) + 1 : UINT64_MAX, true};
-}
-
 // fd stands at the first byte.
-static pv_answer send_file(int fd, uint64_t file_bytes, const byte_range *range, const char *name) {
-  char text[96];
-  const uint64_t at =
-      range->from < 0
-          ? file_bytes - ((uint64_t)-range->from < file_bytes ? (uint64_t)-range->from : file_bytes)
-          : (uint64_t)range->from;
+static pv_answer send_file(int fd, uint64_t file_bytes, const pv_range *range, const char *name) {
+  const uint64_t at = pv_range_begin(range, file_bytes);
   if (at >= file_bytes && range->is_part) {
     close(fd);
     return answer_of(MHD_HTTP_RANGE_NOT_SATISFIABLE, "the file ends before this\n");
   }
-  const uint64_t bytes = range->n < file_bytes - at ? range->n : file_bytes - at;
+  const uint64_t bytes = pv_range_bytes(range, file_bytes);
   int *own = malloc(sizeof *own);
   pv_answer a = {NULL, range->is_part ? MHD_HTTP_PARTIAL_CONTENT : MHD_HTTP_OK, type_of(name)};
   if (own) {
@@ -125,10 +100,7 @@ static pv_answer send_file(int fd, uint64_t file_bytes, const byte_range *range,
     close(fd);
     return a;
   }
-  sv_fmt(text, sizeof text, "bytes %llu-%llu/%llu", (unsigned long long)at,
-         (unsigned long long)(at + bytes - 1), (unsigned long long)file_bytes);
-  if (range->is_part) MHD_add_response_header(a.response, "Content-Range", text);
-  MHD_add_response_header(a.response, "Accept-Ranges", "bytes");
+  pv_range_headers(range, file_bytes, a.response);
   return a;
 }
 
@@ -252,7 +224,7 @@ pv_answer pv_scan_get(pv_source *s, const char *url, const char *range) {
   for (int i = 0; i < 3; i++) is_made = is_made || !strcmp(name, made[i]);
   while (!is_made && (file = pv_scan_file_name((int)ask.file)) && strcmp(name, file) != 0) ask.file++;
   if (ask.file >= PV_N_SCAN_FILE) return answer_of(MHD_HTTP_NOT_FOUND, "no such page\n");
-  const byte_range part = range_of(is_made ? NULL : range);
+  const pv_range part = pv_range_of(is_made ? NULL : range);
   ask.from = part.from;
   if (pv_scans_request(&s->scans, ask, &fd) != SV_OK) return failed(EIO);
   if (fd < 0) return failed(s->scans.answer.error);

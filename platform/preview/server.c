@@ -3,6 +3,7 @@
 // loop); a stream that has nothing new is suspended and resumed when the feed has moved. A path of
 // a request is only ever compared with the routes below.
 #include "platform/preview/access.h"
+#include "platform/preview/history.h"
 #include "platform/preview/preview.h"
 #include "platform/preview/scan_routes.h"
 
@@ -399,9 +400,11 @@ static enum MHD_Result get(pv_server *s, struct MHD_Connection *c, const char *u
     const pv_answer a = pv_board(c, !strcmp(url, "/board.pdf"));
     return finish(c, a.code, a.response, a.type);
   }
-  if (!strncmp(url, "/scan", 5)) {
+  const bool is_scan = !strncmp(url, "/scan", 5);
+  if (is_scan || !strncmp(url, "/history", 8)) {
     if (s->cfg.is_private && !has_token(s, c, true)) return refuse_token(c);
-    const pv_answer a = pv_scan_get(p, url, header(c, "Range"));
+    const char *range = header(c, "Range");
+    const pv_answer a = is_scan ? pv_scan_get(p, url, range) : pv_history_get(p, c, url, range);
     return finish(c, a.code, a.response, a.type);
   }
   static const char *const data[] = {"/state",       "/curve",       "/events", "/stream",

@@ -177,6 +177,8 @@ void pv_state_json(const pv_source *p, sv_str *o) {
              (unsigned long long)sv_feed_newest(&p->reader, SV_FEED_MODEL),
              (unsigned long long)sv_feed_newest(&p->reader, SV_FEED_PICTURE), s->is_throttled,
              (unsigned long long)s->n_skew);
+  sv_str_add(o, "\"history\":{\"seconds\":%.3f,\"seq\":%llu},", isfinite(s->history_s) ? s->history_s : 0.0,
+             (unsigned long long)sv_feed_newest(&p->reader, SV_FEED_HISTORY));
   add_modes(o, &p->modes);
   sv_str_add(o, "\"control\":{\"by\":%u,\"asked\":%u},", p->control.by, p->control.asked);
   add_number(o, "seconds", s->train_s);

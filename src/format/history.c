@@ -20,14 +20,13 @@ static float base_value(const void *self, uint32_t i, int row) {
 
 static sv_sequence_head head_of(const sv_history *h) {
   const int n = h->n_frames;
-  return (sv_sequence_head){
-      .n = (uint32_t)h->cfg.n,
-      .n_moving = (uint32_t)h->cfg.n,
-      .n_frames = (uint32_t)(n < 2 ? 2 : n),
-      .group = n < SV_SEQUENCE_GROUP ? (uint32_t)(n < 2 ? 2 : n) : SV_SEQUENCE_GROUP,
-      .sh_degree = 0,
-      .seconds = n < 2 ? 0 : (float)sv_ns_to_s(sv_history_time_ns(h, n - 1) - sv_history_time_ns(h, 0)),
-      .radius = h->cfg.radius};
+  return (sv_sequence_head){.n = (uint32_t)h->cfg.n,
+                            .n_moving = (uint32_t)h->cfg.n,
+                            .n_frames = (uint32_t)(n < 2 ? 2 : n),
+                            .group = n < SV_SEQUENCE_GROUP ? (uint32_t)(n < 2 ? 2 : n) : SV_SEQUENCE_GROUP,
+                            .sh_degree = 0,
+                            .seconds = (float)sv_ns_to_s(sv_history_span_ns(h)),
+                            .radius = h->cfg.radius};
 }
 
 static size_t ring_bytes(const sv_history_cfg *cfg) {
@@ -50,6 +49,10 @@ static sv_history_frame *frame_at(const sv_history *h, int k) {
 }
 
 sv_ns sv_history_time_ns(const sv_history *h, int k) { return frame_at(h, k)->time_ns; }
+
+sv_ns sv_history_span_ns(const sv_history *h) {
+  return h->n_frames < 2 ? 0 : sv_history_time_ns(h, h->n_frames - 1) - sv_history_time_ns(h, 0);
+}
 
 // --- the ring ------------------------------------------------------------------------------------
 

@@ -54,6 +54,8 @@ sv_status sv_history_add(sv_history *h, sv_ns time_ns, float (*get)(const void *
 sv_status sv_history_repeat(sv_history *h, sv_ns time_ns) SV_MUST_USE;
 // Host time of frame k of h->n_frames, oldest first.
 sv_ns sv_history_time_ns(const sv_history *h, int k);
+// From the oldest frame to the newest; 0: there are none.
+sv_ns sv_history_span_ns(const sv_history *h);
 size_t sv_history_used_bytes(const sv_history *h); // of all frames
 // Most bytes of a file of sv_history_write, and of its state, to be aligned to 8.
 size_t sv_history_cap_file_bytes(const sv_history_cfg *cfg);

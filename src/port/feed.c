@@ -8,8 +8,9 @@
 
 static uint64_t padded(uint64_t n) { return (n + ALIGN - 1) / ALIGN * ALIGN; }
 
-// Two slots for channels that are large and rare, four for small and frequent ones.
-static uint64_t payload(sv_feed_channel c, uint32_t cap_gaussians, uint32_t cap_floats, uint64_t *n_slots) {
+// One or two slots for channels that are large and rare, four for small and frequent ones.
+static uint64_t payload(sv_feed_channel c, uint32_t cap_gaussians, uint32_t cap_floats, size_t history_bytes,
+                        uint64_t *n_slots) {
   *n_slots = 4;
   switch (c) {
   case SV_FEED_STATE: return sizeof(sv_feed_state);
@@ -22,6 +23,7 @@ static uint64_t payload(sv_feed_channel c, uint32_t cap_gaussians, uint32_t cap_
     return sizeof(sv_feed_picture) + 3u * SV_FEED_CAP_PICTURE_W * SV_FEED_CAP_PICTURE_H;
   case SV_FEED_VIEW: return sizeof(sv_feed_view) + 3u * SV_FEED_CAP_VIEW_W * SV_FEED_CAP_VIEW_H;
   case SV_FEED_MODES: return sizeof(sv_feed_modes);
+  case SV_FEED_HISTORY: *n_slots = 1; return history_bytes;
   case SV_FEED_CURVE: return sizeof(sv_feed_curve);
   case SV_FEED_CALIBRATION: return sizeof(sv_feed_calibration);
   default: return sizeof(sv_feed_events);
@@ -29,10 +31,11 @@ static uint64_t payload(sv_feed_channel c, uint32_t cap_gaussians, uint32_t cap_
 }
 
 // Fills the header's rings (NULL: only counts) and returns the size of the block.
-static uint64_t lay_out(sv_feed_header *h, uint32_t cap_gaussians, uint32_t cap_floats) {
+static uint64_t lay_out(sv_feed_header *h, uint32_t cap_gaussians, uint32_t cap_floats,
+                        size_t history_bytes) {
   uint64_t at = padded(sizeof *h);
   for (int c = 0; c < SV_FEED_N_CHANNELS; c++) {
-    uint64_t n, bytes = padded(payload((sv_feed_channel)c, cap_gaussians, cap_floats, &n));
+    uint64_t n, bytes = padded(payload((sv_feed_channel)c, cap_gaussians, cap_floats, history_bytes, &n));
     if (h) {
       h->ring[c].at = at;
       h->ring[c].slot_bytes = bytes;
@@ -43,15 +46,16 @@ static uint64_t lay_out(sv_feed_header *h, uint32_t cap_gaussians, uint32_t cap_
   return at;
 }
 
-size_t sv_feed_bytes(uint32_t cap_gaussians, uint32_t cap_floats) {
-  return (size_t)lay_out(NULL, cap_gaussians, cap_floats);
+size_t sv_feed_bytes(uint32_t cap_gaussians, uint32_t cap_floats, size_t history_bytes) {
+  return (size_t)lay_out(NULL, cap_gaussians, cap_floats, history_bytes);
 }
 
-sv_status sv_feed_init(sv_feed *f, void *block, size_t bytes, uint32_t cap_gaussians, uint32_t cap_floats) {
-  if (bytes < sv_feed_bytes(cap_gaussians, cap_floats)) return SV_E_NOMEM;
+sv_status sv_feed_init(sv_feed *f, void *block, size_t bytes, uint32_t cap_gaussians, uint32_t cap_floats,
+                       size_t history_bytes) {
+  if (bytes < sv_feed_bytes(cap_gaussians, cap_floats, history_bytes)) return SV_E_NOMEM;
   memset(f, 0, sizeof *f);
   f->header = block;
-  (void)lay_out(f->header, cap_gaussians, cap_floats);
+  (void)lay_out(f->header, cap_gaussians, cap_floats, history_bytes);
   f->header->bytes = bytes;
   f->header->command_fd = -1;
   f->header->version = SV_FEED_VERSION;
@@ -96,7 +100,7 @@ sv_status sv_feed_attach(sv_feed_reader *r, const void *block, size_t bytes, sv_
                    SV_FEED_VERSION);
   for (int c = 0; c < SV_FEED_N_CHANNELS; c++) {
     uint64_t at = h->ring[c].at, slot = h->ring[c].slot_bytes, n = h->ring[c].n_slots;
-    bool is_inside = at % ALIGN == 0 && slot % ALIGN == 0 && at <= bytes && slot <= bytes && n >= 2 &&
+    bool is_inside = at % ALIGN == 0 && slot % ALIGN == 0 && at <= bytes && slot <= bytes && n >= 1 &&
                      n <= 64 && n * (sizeof(sv_feed_slot) + slot) <= bytes - at;
     if (!is_inside) return sv_fail(err, SV_E_FORMAT, "feed: channel %d lies outside of the block", c);
     r->ring[c].at = at;

@@ -6,8 +6,8 @@
 //
 // The writer fills the slot after the newest one, then moves the head. A reader copies the newest
 // slot and checks whether it was overtaken (a sequence lock per slot: odd while being written).
-// With two slots, a reader has a whole period of the channel for its copy. Writer and reader must
-// share the architecture and SV_FEED_VERSION.
+// With two slots, a reader has a whole period of the channel for its copy; the history has one
+// slot. Writer and reader must share the architecture and SV_FEED_VERSION.
 #ifndef SV_PORT_FEED_H
 #define SV_PORT_FEED_H
 
@@ -20,7 +20,7 @@
 #include "src/port/heartbeat.h"
 
 #define SV_FEED_MAGIC   0x64656673u // "sfed"
-#define SV_FEED_VERSION 6u
+#define SV_FEED_VERSION 7u
 
 #define SV_FEED_CAP_CAMERAS   64  // listed
 #define SV_FEED_CAP_TILES     16  // with a thumbnail
@@ -48,6 +48,7 @@ typedef enum {
   SV_FEED_CALIBRATION, // sv_feed_calibration
   SV_FEED_VIEW,        // sv_feed_view, then its pixels
   SV_FEED_MODES,       // sv_feed_modes
+  SV_FEED_HISTORY,     // a file of src/format/history.h, when somebody has asked for it
   SV_FEED_N_CHANNELS
 } sv_feed_channel;
 
@@ -100,6 +101,7 @@ typedef struct {
   double psnr; // running mean over training images, one at a time; 0: not yet known
   uint32_t n_gaussians, sh_degree;
   uint64_t n_saves, n_device_errors, model_seq;
+  double history_s; // of the past that is kept, 0: none
   uint64_t arena_cap_bytes, arena_used_bytes;
   double temperature_c; // NaN: not known
   int32_t is_throttled; // -1: not known
@@ -251,12 +253,12 @@ typedef struct sv_feed {
   uint64_t next[SV_FEED_N_CHANNELS];
 } sv_feed;
 
-// Bytes of a block for models of up to cap Gaussians of n_floats floats.
-size_t sv_feed_bytes(uint32_t cap_gaussians, uint32_t cap_floats);
+// Bytes of a block for models of up to cap Gaussians of n_floats floats, and for a history.
+size_t sv_feed_bytes(uint32_t cap_gaussians, uint32_t cap_floats, size_t history_bytes);
 // Lays the block out. block: 64-byte aligned, sv_feed_bytes long, all zero. E_NOMEM when it is too
 // small.
-sv_status sv_feed_init(sv_feed *f, void *block, size_t bytes, uint32_t cap_gaussians,
-                       uint32_t cap_floats) SV_MUST_USE;
+sv_status sv_feed_init(sv_feed *f, void *block, size_t bytes, uint32_t cap_gaussians, uint32_t cap_floats,
+                       size_t history_bytes) SV_MUST_USE;
 size_t sv_feed_cap(const sv_feed *f, sv_feed_channel c);
 // Returns the slot to fill, sv_feed_cap bytes; commit takes the bytes filled. A second begin
 // discards the first.

@@ -255,6 +255,7 @@ typedef enum {
   SV_COMMAND_NEW,
   SV_COMMAND_CALIBRATE, // the cameras are wanted for a calibration
   SV_COMMAND_MODE,      // another mode of the cameras was chosen
+  SV_COMMAND_HISTORY,   // of a live run: the last seconds into the feed
   SV_COMMAND_NORMAL,    // before Start: the budget of this run (sv_preview_budget)
   SV_COMMAND_DRAFT,
   SV_COMMAND_FINE

@@ -156,6 +156,7 @@ static void publish_state(sv_preview *l, const char *sentence) {
   s->n_saves = l->n_saves;
   s->n_device_errors = l->cfg.capture->n_device_errors;
   s->model_seq = sv_feed_seq(l->feed, SV_FEED_MODEL);
+  s->history_s = sv_ns_to_s(sv_history_span_ns(l->cfg.history));
   fill_machine(l, s);
   fill_skew(l, s);
   fill_guidance(l, &s->guidance);
@@ -447,6 +448,7 @@ static sv_command next_command(sv_preview *l) {
   const sv_publish *p = &l->cfg.port->publish;
   sv_command c = p->command ? p->command(p->self) : SV_COMMAND_NONE;
   if (p->looked_at) l->looked_at = p->looked_at(p->self);
+  if (c == SV_COMMAND_HISTORY) sv_preview_show_history(l);
   if (c == SV_COMMAND_NEW) l->is_new_requested = l->is_session;
   // Before a run the cameras are opened again; else the next run has the new mode
   if (c == SV_COMMAND_MODE && l->status == SV_FEED_STATUS_WAITING) l->is_new_requested = l->is_session;

@@ -10,6 +10,7 @@
 #include "src/base/arena.h"
 #include "src/base/unit.h"
 #include "src/capture/capture.h"
+#include "src/format/history.h"
 #include "src/image/planes.h"
 #include "src/port/feed.h"
 #include "src/port/port.h"
@@ -33,6 +34,8 @@ typedef struct {
   sv_heat (*heat)(void *self);                 // of the processor, now
   sv_unit (*unit)(void *self);                 // of the world
   float (*time_of)(void *self, sv_ns time_ns); // the model's time of a moment of the host's clock
+  // The history of a live run as a file; E_NOT_FOUND: there is none yet.
+  sv_status (*write_history)(void *self, sv_sink sink, sv_err *err);
 } sv_preview_calls;
 
 // The parts of a run that are shown; all must outlive it.
@@ -45,6 +48,7 @@ typedef struct {
   sv_exposures *exposures;
   sv_trainer *trainer;
   const sv_dynamic *dynamic;
+  const sv_history *history;
   const sv_driver *driver;
   const sv_rig *rig;
   const sv_camera_caps *caps; // [n_cameras]
@@ -82,6 +86,7 @@ typedef struct {
   _Atomic int i_counts;      // the half to read
   sv_feed_curve *curve;      // history, for pages that come late
   sv_feed_events *events;    // likewise
+  double next_history_s;     // before which it is not published again
   double start_s, next_state_s, next_model_s, next_picture_s;
   double point_s, psnr;
   uint32_t n_points, i_picture;
@@ -134,6 +139,9 @@ void sv_preview_show(sv_preview *l, sv_feed_status status, const char *sentence)
 sv_status sv_preview_stay(sv_preview *l) SV_MUST_USE;
 // A line of the log, for the page.
 void sv_preview_event(sv_preview *l, sv_log_level level, const char *text);
+
+// The history of a live run into the feed (past.c); at most once a second.
+void sv_preview_show_history(sv_preview *l);
 
 // For a run that could not be set up: the state with the reason.
 void sv_preview_show_failure(sv_feed *feed, sv_feed_cause cause, const char *board, const char *source,

@@ -251,6 +251,9 @@ static bool is_stopping(void *self) { return sv_app_is_stop_requested(self); }
 static sv_status save(void *self, sv_err *err) { return sv_app_save_all(self, err); }
 static void beat(void *self) { sv_app_beat(self); }
 static sv_unit unit(void *self) { return sv_app_unit(self); }
+static sv_status write_history(void *self, sv_sink sink, sv_err *err) {
+  return sv_app_write_history(self, sink, err);
+}
 static float time_of(void *self, sv_ns time_ns) { return sv_app_time_of(self, time_ns); }
 
 static void init_preview(sv_app *app) {
@@ -263,6 +266,7 @@ static void init_preview(sv_app *app) {
                               .exposures = &app->exposures,
                               .trainer = &app->trainer,
                               .dynamic = &app->dynamic,
+                              .history = &app->moving.history,
                               .driver = &app->driver,
                               .rig = c->rig,
                               .caps = c->caps,
@@ -283,7 +287,8 @@ static void init_preview(sv_app *app) {
                                         .save = save,
                                         .heat = heat_now,
                                         .unit = unit,
-                                        .time_of = time_of}};
+                                        .time_of = time_of,
+                                        .write_history = write_history}};
   sv_preview_init(&app->preview, &cfg);
 }
 

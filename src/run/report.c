@@ -37,8 +37,7 @@ static void add_live(sv_str *s, const sv_app *app) {
   if (h->n_frames > 0)
     sv_str_add(s,
                "  \"history\": {\"frames\": %d, \"seconds\": %.3f, \"bytes\": %zu, \"ring_bytes\": %zu},\n",
-               h->n_frames, sv_ns_to_s(sv_history_time_ns(h, h->n_frames - 1) - sv_history_time_ns(h, 0)),
-               sv_history_used_bytes(h), h->cap_bytes);
+               h->n_frames, sv_ns_to_s(sv_history_span_ns(h)), sv_history_used_bytes(h), h->cap_bytes);
   if (!app->cfg.is_continuous) return;
   sv_str_add(s,
              "  \"live\": {\"exposures_replaced\": %llu, \"previews\": %llu, \"preview_slowdown\": %d, "

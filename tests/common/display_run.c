@@ -18,7 +18,7 @@ bool display_run(world *w, const sv_display *d) {
   w->cfg.has_preview = true;
   w->cfg.has_screen = d != NULL;
   memset(feed_block, 0, sizeof feed_block);
-  if (sv_feed_init(&feed, feed_block, sizeof feed_block, 500, SV_GAUSSIAN_N_FLOATS(3)) < 0) return false;
+  if (sv_feed_init(&feed, feed_block, sizeof feed_block, 500, SV_GAUSSIAN_N_FLOATS(3), 0) < 0) return false;
   w->port.publish.feed = &feed;
   if (d) w->port.display = *d;
   if (world_init(w) < 0 || sv_app_run(&w->app, &w->err) < 0) return false;

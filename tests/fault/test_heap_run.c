@@ -62,7 +62,7 @@ static void run_with(const char *sim, int n_threads, sv_prior_method prior) {
   w.port.store = sv_linux_store_port(&store);
   w.port.console = sv_linux_console_port(&console);
   memset(feed_block, 0, sizeof feed_block);
-  assert_int_equal(sv_feed_init(&feed, feed_block, sizeof feed_block, 300, 59), SV_OK);
+  assert_int_equal(sv_feed_init(&feed, feed_block, sizeof feed_block, 300, 59, 0), SV_OK);
   w.port.publish = (sv_publish){.image = publish_jpeg, .feed = &feed};
   w.cfg.has_preview = true;
   w.cfg.train.n_gaussians = 300;

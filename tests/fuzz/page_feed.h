@@ -64,9 +64,9 @@ static void page_make(void) {
   sv_err err;
   sv_feed f;
   if (page_bytes) return;
-  page_bytes = sv_feed_bytes(PAGE_N, PAGE_FLOATS);
+  page_bytes = sv_feed_bytes(PAGE_N, PAGE_FLOATS, 0);
   FUZZ_CHECK(page_bytes <= sizeof page_block);
-  FUZZ_CHECK(sv_feed_init(&f, page_block, page_bytes, PAGE_N, PAGE_FLOATS) == SV_OK);
+  FUZZ_CHECK(sv_feed_init(&f, page_block, page_bytes, PAGE_N, PAGE_FLOATS, 0) == SV_OK);
   page_fill(&f);
   page_source.scans = (pv_scans){.place = {"", ""}, .fd = -1};
   FUZZ_CHECK(sv_feed_attach(&page_source.reader, page_block, page_bytes, &err) == SV_OK);

@@ -59,7 +59,7 @@ TEST(before_start_the_link_is_a_code_on_the_screen) {
   sv_display display = open_screen();
   display.link = link;
   screen.tiles = &tiles;
-  assert_int_equal(sv_feed_init(&feed, block, sizeof block, 1, 1), SV_OK);
+  assert_int_equal(sv_feed_init(&feed, block, sizeof block, 1, 1, 0), SV_OK);
   sv_screen_start(&screen, &feed, &display);
   assert_true(sv_qr_make(&q, link));
   sv_screen_draw(&screen, &display, &(sv_screen_content){.is_waiting = true, .line = "Waiting for Start"});

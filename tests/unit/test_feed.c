@@ -11,6 +11,7 @@
 
 #define GAUSSIANS 100
 #define FLOATS    14
+#define HISTORY   1000
 
 static _Alignas(64) uint8_t block[16u << 20];
 static uint8_t copy[4u << 20];
@@ -18,10 +19,11 @@ static uint8_t copy[4u << 20];
 static void open_feed(sv_feed *f, sv_feed_reader *r) {
   sv_err err;
   memset(block, 0, sizeof block);
-  assert_true(sv_feed_bytes(GAUSSIANS, FLOATS) <= sizeof block);
-  assert_int_equal(sv_feed_init(f, block, 100, GAUSSIANS, FLOATS), SV_E_NOMEM);
-  assert_int_equal(sv_feed_init(f, block, sv_feed_bytes(GAUSSIANS, FLOATS), GAUSSIANS, FLOATS), SV_OK);
-  assert_int_equal(sv_feed_attach(r, block, sv_feed_bytes(GAUSSIANS, FLOATS), &err), SV_OK);
+  assert_true(sv_feed_bytes(GAUSSIANS, FLOATS, HISTORY) <= sizeof block);
+  assert_int_equal(sv_feed_init(f, block, 100, GAUSSIANS, FLOATS, HISTORY), SV_E_NOMEM);
+  assert_int_equal(
+      sv_feed_init(f, block, sv_feed_bytes(GAUSSIANS, FLOATS, HISTORY), GAUSSIANS, FLOATS, HISTORY), SV_OK);
+  assert_int_equal(sv_feed_attach(r, block, sv_feed_bytes(GAUSSIANS, FLOATS, HISTORY), &err), SV_OK);
 }
 
 TEST(test_snapshots) {
@@ -74,11 +76,28 @@ TEST(test_overtaken) {
   assert_int_equal(sv_feed_read(&r, SV_FEED_MODEL, &seq, copy, sizeof copy, &bytes), SV_AGAIN);
 }
 
+// A channel of one slot: while it is written nobody reads it.
+TEST(test_one_slot) {
+  sv_feed f;
+  sv_feed_reader r;
+  uint8_t got[HISTORY];
+  uint64_t seq = 0;
+  size_t bytes;
+  open_feed(&f, &r);
+  for (uint8_t i = 1; i <= 3; i++) {
+    memset(sv_feed_begin(&f, SV_FEED_HISTORY), i, HISTORY);
+    assert_int_equal(sv_feed_read(&r, SV_FEED_HISTORY, &seq, got, sizeof got, &bytes), SV_AGAIN);
+    sv_feed_commit(&f, SV_FEED_HISTORY, HISTORY);
+    assert_int_equal(sv_feed_read(&r, SV_FEED_HISTORY, &seq, got, sizeof got, &bytes), SV_OK);
+    assert_true(seq == i && bytes == HISTORY && got[0] == i && got[HISTORY - 1] == i);
+  }
+}
+
 TEST(test_foreign) {
   sv_feed f;
   sv_feed_reader r;
   sv_err err;
-  size_t n = sv_feed_bytes(GAUSSIANS, FLOATS);
+  size_t n = sv_feed_bytes(GAUSSIANS, FLOATS, HISTORY);
   open_feed(&f, &r);
   sv_feed_header *h = (sv_feed_header *)block;
   assert_int_equal(sv_feed_attach(&r, block, 20, &err), SV_E_FORMAT);
@@ -93,7 +112,7 @@ TEST(test_foreign) {
   for (int i = 0; i < 3; i++)
     for (int k = 0; k < 5; k++) {
       uint64_t was = *fields[i];
-      *fields[i] = values[k];
+      *fields[i] = i == 2 && k == 0 ? 0 : values[k]; // one slot is enough
       assert_int_equal(sv_feed_attach(&r, block, n, &err), SV_E_FORMAT);
       *fields[i] = was;
     }
@@ -182,6 +201,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
     cmocka_unit_test(test_snapshots),
     cmocka_unit_test(test_overtaken),
+    cmocka_unit_test(test_one_slot),
     cmocka_unit_test(test_foreign),
 #if !defined(__SANITIZE_THREAD__)
     cmocka_unit_test(test_torn),

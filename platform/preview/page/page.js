@@ -88,7 +88,7 @@ function open_view() {
 
 async function load_model(seq) {
   open_view();
-  if (!view || page.viewing || page.is_loading || seq === page.model_seq) return;
+  if (!view || page.viewing || page.past || page.is_loading || seq === page.model_seq) return;
   page.is_loading = true;
   try {
     const r = await fetch("/model?after=" + page.model_seq);
@@ -109,12 +109,18 @@ async function load_model(seq) {
   }
 }
 
+function moment_text(clip) {
+  if (page.past) return ((1 - view.time) * clip.seconds).toFixed(2) + " of " + clip.seconds.toFixed(2) + " s ago";
+  return (view.time * clip.seconds).toFixed(2) + " of " + clip.seconds.toFixed(2) + " s";
+}
+
 // The time slider, of a model that moves.
 function show_clip() {
   const clip = view && view.n ? view.clip : null;
   $("clip").hidden = !clip;
   if (!clip) return;
-  set("play", view.is_playing ? "\u25a0" : "\u25b6"), set("moment-line", (view.time * clip.seconds).toFixed(2) + " of " + clip.seconds.toFixed(2) + " s");
+  set("play", view.is_playing ? "\u25a0" : "\u25b6"), set("moment-line", moment_text(clip));
+  if (page.past) point_to_past();
   const at = String(Math.round(1000 * view.time));
   if ($("moment").value !== at) $("moment").value = at;
 }
@@ -288,7 +294,7 @@ function show(s) {
   set("skew-line", s.n_skew ? "skew over " + s.n_skew + " exposures: median " + micro(s.skew_p50_us) + ", 99 % " + micro(s.skew_p99_us) : "no exposures yet");
   show_message(s), show_buttons(s), show_cameras(s), show_ledger(s), show_memory(s), show_around(s), show_dome(s);
   plots.skew($("skew-plot"), s.skew);
-  load_model(s.model_seq), load_picture(s.picture_seq);
+  show_past(s), load_model(s.model_seq), load_picture(s.picture_seq);
   if (s.state !== page.last_state || Date.now() - page.started > 3000) {
     page.started = Date.now(), page.last_state = s.state;
     load_history(), load_events();

@@ -42,7 +42,7 @@ class Sequence {
 
   async open() {
     const head = new DataView((await this.bytes("48-351", 304)).buffer), u = (i) => head.getUint32(4 * i, true);
-    this.n = u(0), this.moving = u(1), this.frames = u(2), this.group = u(3), this.seconds = head.getFloat32(36, true);
+    this.n = u(0), this.moving = u(1), this.frames = u(2), this.group = u(3), this.sh = u(4), this.seconds = head.getFloat32(36, true);
     this.step = Array.from({ length: SEQUENCE_ROWS }, (_, i) => head.getFloat32(64 + 4 * i, true));
     const tail = 16 * this.frames, base = u(6);
     const [index, data] = await Promise.all([this.bytes("-" + (tail + 40), tail + 40), this.bytes("384-" + (383 + base), base)]);

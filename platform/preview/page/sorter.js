@@ -336,6 +336,8 @@ async function open_sequence(url) {
     await sequence.open();
     if (m !== model || sequence.n !== m.n) return;
     (m.sequence = sequence), (m.moving = sequence.moving), (m.time = null);
+    // The base model's higher degrees are those of other Gaussians.
+    if (sequence.sh < m.degree) (m.degree = sequence.sh), (m.n_sh = 3 * ((m.degree + 1) ** 2 - 1));
     postMessage({ sequence: { model: m.id, seconds: sequence.seconds || (sequence.frames - 1) / 12 } });
   } catch (e) {
     postMessage({ sequence: { model: model.id, error: e.message } });
