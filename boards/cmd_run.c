@@ -34,6 +34,9 @@ static struct {
   uint8_t *truth;       // a held-out view of the simulator
   uint8_t *small_truth; // at the size that is trained on; may be the same
   float *area_scratch;
+  // with --depth 16: both as light, [3][height][width], and what that is made smaller with
+  uint16_t *light, *small_light;
+  uint32_t *sums;
   bool is_calibrating; // asked for on the page: before the next run
   bool is_retry;       // the cameras of the same scan are tried again
   sv_err told;         // why they failed last time
@@ -144,7 +147,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
   return c;
 }
 
-static void carve_truth(sv_arena *a) {
+static void carve_truth(sv_arena *a, bool is_deep) {
   const sv_sub_view *v = &run.src.rig->sub_views[0]; // that of the held-out views
   const sv_camera_caps *c = &run.src.caps[v->i_camera];
   const size_t px = (size_t)v->model.width_px * (size_t)v->model.height_px;
@@ -153,6 +156,10 @@ static void carve_truth(sv_arena *a) {
   if (!v->source_width_px) return;
   run.small_truth = SV_TAKE(a, uint8_t, 3 * px);
   run.area_scratch = SV_TAKE(a, float, SV_AREA_SCRATCH_FLOATS(v->source_width_px));
+  if (!is_deep) return;
+  run.light = SV_TAKE(a, uint16_t, 3 * (size_t)c->width_px * (size_t)c->height_px);
+  run.small_light = SV_TAKE(a, uint16_t, 3 * px);
+  run.sums = SV_TAKE(a, uint32_t, v->source_width_px);
 }
 
 // Buffers of the preview and of the comparison with the simulator's truth.
@@ -162,12 +169,34 @@ static sv_status carve_outputs(sv_arena *a, const sv_app_cfg *cfg, sv_err *err) 
   sv_arena_part_begin(a, "preview");
   sv_status s = outputs_carve(&run.out, a, w, h, err);
   if (s < 0) return s;
-  if (run.src.kind == SOURCE_SIM) carve_truth(a);
+  if (run.src.kind == SOURCE_SIM) carve_truth(a, cfg->is_deep);
   return a->status < 0 ? sv_fail(err, a->status, "no room for the preview") : SV_OK;
 }
 
 static void true_pose(void *self, sv_ns time_ns, sv_pose *rig_from_world) {
   sv_sim_rig_pose(self, time_ns, rig_from_world);
+}
+
+// As deep pictures are made smaller: the mean is that of the light.
+static void reduce_light(const sv_sub_view *s, int stride_px) {
+  const sv_noise *curve = &run.src.u.sim.noise;
+  const size_t n_from = (size_t)stride_px * (size_t)s->source_height_px,
+               n_to = (size_t)s->model.width_px * (size_t)s->model.height_px;
+  for (size_t i = 0; i < 3 * n_from; i++)
+    run.light[i % 3 * n_from + i / 3] = (uint16_t)(65535 * curve->linear8[run.truth[i]] + 0.5f);
+  sv_deep_reduce(&(sv_deep_reduction){.src = run.light,
+                                      .src_plane = n_from,
+                                      .src_stride = (size_t)stride_px,
+                                      .src_width_px = s->source_width_px,
+                                      .src_height_px = s->source_height_px,
+                                      .dst = run.small_light,
+                                      .dst_width_px = s->model.width_px,
+                                      .dst_height_px = s->model.height_px,
+                                      .row1 = s->model.height_px,
+                                      .scratch = run.sums});
+  for (size_t i = 0; i < 3 * n_to; i++)
+    run.small_truth[i] =
+        curve->srgb8[sv_noise_quantise((float)run.small_light[i % 3 * n_to + i / 3] * (1 / 65535.0f))];
 }
 
 // A held-out view and its truth, which are of the simulator's size, made smaller as the images for
@@ -177,16 +206,18 @@ static void reduce_truth(sv_view *v) {
   if (!s->source_width_px) return;
   const int w = s->model.width_px, h = s->model.height_px;
   const float x = (float)w / (float)s->source_width_px, y = (float)h / (float)s->source_height_px;
-  run.k.area(&(sv_area_args){.src = run.truth,
-                             .src_stride_bytes = 3 * (size_t)v->width_px,
-                             .src_width_px = s->source_width_px,
-                             .src_height_px = s->source_height_px,
-                             .dst = run.small_truth,
-                             .dst_stride_bytes = 3 * (size_t)w,
-                             .dst_width_px = w,
-                             .dst_height_px = h,
-                             .row1 = h,
-                             .scratch = run.area_scratch});
+  if (run.app.cfg.is_deep) reduce_light(s, v->width_px);
+  else
+    run.k.area(&(sv_area_args){.src = run.truth,
+                               .src_stride_bytes = 3 * (size_t)v->width_px,
+                               .src_width_px = s->source_width_px,
+                               .src_height_px = s->source_height_px,
+                               .dst = run.small_truth,
+                               .dst_stride_bytes = 3 * (size_t)w,
+                               .dst_width_px = w,
+                               .dst_height_px = h,
+                               .row1 = h,
+                               .scratch = run.area_scratch});
   v->width_px = w;
   v->height_px = h;
   v->fx *= x;

@@ -223,8 +223,8 @@ static int check(run_options *o) {
     return usage_error("run", "--appearance %s: expected auto, off, cameras or exposures", o->appearance);
   if (appearance == SV_APPEARANCE_EXPOSURES && o->is_continuous)
     return usage_error("run", "--appearance exposures: not with --live, which replaces exposures");
-  if (o->depth && !strcmp(o->depth, "16") && (o->is_dynamic || o->size || o->scale > 1))
-    return usage_error("run", "--depth 16: not with --scene dynamic, --scale or --size");
+  if (o->depth && !strcmp(o->depth, "16") && o->is_dynamic)
+    return usage_error("run", "--depth 16: not with --scene dynamic");
   if (strcmp(o->shutter, "auto") && strcmp(o->shutter, "rolling") && strcmp(o->shutter, "global"))
     return usage_error("run", "--shutter %s: expected auto, rolling or global", o->shutter);
   o->appearance_mode = (sv_appearance_mode)appearance;

@@ -23,17 +23,22 @@ static bool has_spare(const sv_exposures_cfg *cfg) {
 
 // Room to make a frame smaller, and for what is undistorted afterwards.
 static void carve_reduced(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a) {
-  size_t bytes = 0, n = 0;
+  size_t bytes = 0, n = 0, width_px = 0;
   for (int i = 0; i < cfg->rig->n_sub_views; i++) {
     const sv_sub_view *v = &cfg->rig->sub_views[i];
     const size_t b = (size_t)v->model.width_px * (size_t)v->model.height_px * 3;
     if (!v->source_width_px) continue;
+    width_px = sv_maxi((int)width_px, v->source_width_px);
     if (SV_AREA_SCRATCH_FLOATS(v->source_width_px) > n) n = SV_AREA_SCRATCH_FLOATS(v->source_width_px);
     if (!sv_model_is_straight(&v->model) && b > bytes) bytes = b;
   }
   e->reduced = bytes ? SV_TAKE(a, uint8_t, bytes) : NULL;
   e->n_area_floats = n;
   e->area_scratch = n ? SV_TAKE(a, float, n *(size_t)sv_maxi(cfg->n_threads, 1)) : NULL;
+  if (!cfg->is_deep) return;
+  e->n_deep_sums = width_px;
+  e->deep_reduced = bytes ? SV_TAKE(a, uint16_t, bytes) : NULL;
+  e->deep_sums = width_px ? SV_TAKE(a, uint32_t, width_px * (size_t)sv_maxi(cfg->n_threads, 1)) : NULL;
 }
 
 // Of a sensor whose noise is not known: 10,000 electrons at full scale, 3 of read noise.
@@ -318,6 +323,23 @@ static void copy_deep_task(void *arg, int i_task, int i_thread) {
     }
 }
 
+// Rows of one sub-view's deep picture: made smaller.
+static void reduce_deep_task(void *arg, int i_task, int i_thread) {
+  const copy_job *j = arg;
+  const sv_sub_view *v = &j->e->cfg.rig->sub_views[j->i_sub];
+  sv_deep_reduce(&(sv_deep_reduction){.src = j->deep,
+                                      .src_plane = j->deep_plane,
+                                      .src_stride = j->deep_width,
+                                      .src_width_px = v->source_width_px,
+                                      .src_height_px = v->source_height_px,
+                                      .dst = j->deep_dst,
+                                      .dst_width_px = v->model.width_px,
+                                      .dst_height_px = v->model.height_px,
+                                      .row0 = i_task * ROWS_PER_TASK,
+                                      .row1 = sv_mini((i_task + 1) * ROWS_PER_TASK, v->model.height_px),
+                                      .scratch = j->e->deep_sums + (size_t)i_thread * j->e->n_deep_sums});
+}
+
 // Undistorted ones have their camera's whole frame; others a part of it.
 static void put_deep(const copy_job *job, const sv_frame *f, uint16_t *dst, const sv_pool *pool) {
   const sv_sub_view *v = &job->e->cfg.rig->sub_views[job->i_sub];
@@ -327,6 +349,16 @@ static void put_deep(const copy_job *job, const sv_frame *f, uint16_t *dst, cons
   j.deep =
       job->e->convert.deep.linear + (size_t)v->footprint.y0_px * j.deep_width + (size_t)v->footprint.x0_px;
   j.deep_dst = dst;
+  if (v->source_width_px) {
+    const bool is_undistorted = job->e->sub[job->i_sub].map.entries != NULL;
+    if (is_undistorted) j.deep_dst = job->e->deep_reduced;
+    sv_pool_run(pool, reduce_deep_task, &j, n_tasks(v->model.height_px));
+    if (!is_undistorted) return;
+    j.deep = j.deep_dst;
+    j.deep_width = (size_t)v->model.width_px;
+    j.deep_plane = j.deep_width * (size_t)v->model.height_px;
+    j.deep_dst = dst;
+  }
   sv_pool_run(pool, copy_deep_task, &j, n_tasks(job->e->sub[job->i_sub].lens.model.height_px));
 }
 
@@ -456,12 +488,16 @@ void sv_exposures_deep(const sv_exposures *e, int i, int i_sub, sv_image_deep *o
   const sv_sub_view_store *s = &e->sub[i_sub];
   const bool is_known = v->noise.read > 0 || v->noise.shot > 0;
   const uint8_t *block = e->px + (size_t)e->place[i] * e->exposure_bytes;
+  // The mean of several pixels has so much of their noise.
+  const double share = v->source_width_px ? (double)v->model.width_px * v->model.height_px /
+                                                ((double)v->source_width_px * v->source_height_px)
+                                          : 1;
   *out = (sv_image_deep){.px = (const uint16_t *)(const void *)(block + s->deep_at),
                          .width_px = s->lens.model.width_px,
                          .height_px = s->lens.model.height_px,
                          .exposure = e->shutter[e->place[i] * e->cfg.n_cameras + v->i_camera],
                          .white = e->white,
                          .photometric = v->photometric.is_known ? &v->photometric : NULL,
-                         .read = (float)sv_maxd(is_known ? v->noise.read : USUAL_READ, MIN_READ),
-                         .shot = (float)(is_known ? v->noise.shot : USUAL_SHOT)};
+                         .read = (float)sv_maxd(share * (is_known ? v->noise.read : USUAL_READ), MIN_READ),
+                         .shot = (float)(share * (is_known ? v->noise.shot : USUAL_SHOT))};
 }

@@ -43,7 +43,7 @@ typedef struct {
   // the model by them, see sv_exposures_hold. Not for multiplexed rigs. Default 0.
   float hold_out;
   // Pictures are kept in 16 bits of linear light, too, for training (sv_exposures_deep). Not for
-  // multiplexed rigs, nor where frames are made smaller. Default false.
+  // multiplexed rigs. Default false.
   bool is_deep;
 } sv_exposures_cfg;
 
@@ -69,6 +69,9 @@ typedef struct {
   uint8_t *reduced;      // a frame made smaller, before it is undistorted; or NULL
   float *area_scratch;   // [n_threads][n_area_floats], NULL where no frame is made smaller
   size_t n_area_floats;
+  uint16_t *deep_reduced; // with is_deep: the same of deep pictures, [3][height][width]
+  uint32_t *deep_sums;    // [n_threads][n_deep_sums]
+  size_t n_deep_sums;
   size_t exposure_bytes;
   uint8_t *px;           // [cap_exposures][exposure_bytes]
   sv_exposure *exposure; // [cap_exposures]

@@ -138,6 +138,36 @@ void sv_deep_convert(const sv_frame *f, const sv_camera_caps *caps, const sv_dee
   sv_pool_run(pool, color_task, &j, n_tasks);
 }
 
+// How much of pixel i of n_dst lies in pixel k of n_src, in units of 1 / (n_src n_dst) of the side.
+static uint32_t overlap(int i, int n_dst, int k, int n_src) {
+  return (uint32_t)(sv_mini((i + 1) * n_src, (k + 1) * n_dst) - sv_maxi(i * n_src, k * n_dst));
+}
+
+static int end_of(int i, int n_dst, int n_src) { return ((i + 1) * n_src + n_dst - 1) / n_dst; }
+
+static void reduce_row(const sv_deep_reduction *r, const uint16_t *plane, int y, uint16_t *out) {
+  const int sw = r->src_width_px, sh = r->src_height_px, w = r->dst_width_px, h = r->dst_height_px;
+  const uint64_t all = (uint64_t)sw * (uint64_t)sh;
+  for (int x = 0; x < sw; x++) r->scratch[x] = 0;
+  for (int k = y * sh / h; k < end_of(y, h, sh); k++) {
+    const uint32_t weight = overlap(y, h, k, sh);
+    const uint16_t *p = plane + (size_t)k * r->src_stride;
+    for (int x = 0; x < sw; x++) r->scratch[x] += weight * p[x]; // below MAX src_height
+  }
+  for (int x = 0; x < w; x++) {
+    uint64_t sum = all / 2;
+    for (int k = x * sw / w; k < end_of(x, w, sw); k++) sum += (uint64_t)overlap(x, w, k, sw) * r->scratch[k];
+    out[x] = (uint16_t)(sum / all);
+  }
+}
+
+void sv_deep_reduce(const sv_deep_reduction *r) {
+  const size_t w = (size_t)r->dst_width_px, plane = w * (size_t)r->dst_height_px;
+  for (size_t c = 0; c < 3; c++)
+    for (int y = r->row0; y < r->row1; y++)
+      reduce_row(r, r->src + c * r->src_plane, y, r->dst + c * plane + (size_t)y * w);
+}
+
 void sv_deep_encode(const uint16_t *linear, int width_px, int height_px, uint8_t *rgb16, float *scratch,
                     const sv_kernels *k) {
   const size_t w = (size_t)width_px, plane = w * (size_t)height_px;

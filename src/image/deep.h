@@ -44,6 +44,19 @@ bool sv_deep_knows(const sv_camera_caps *c);
 void sv_deep_convert(const sv_frame *f, const sv_camera_caps *caps, const sv_deep_buffers *b,
                      const sv_kernels *k, const sv_pool *pool);
 
+// Deep pictures made smaller, by area as kernels/area/area.h has it, but exact: linear light is
+// added up in whole numbers.
+typedef struct {
+  const uint16_t *src; // [3][src_height][src_width] at steps of src_plane and src_stride values
+  size_t src_plane, src_stride;
+  int src_width_px, src_height_px; // at most 16384
+  uint16_t *dst;                   // [3][dst_height][dst_width]. Not src
+  int dst_width_px, dst_height_px; // at most those of src
+  int row0, row1;                  // rows of dst
+  uint32_t *scratch;               // [src_width]
+} sv_deep_reduction;
+void sv_deep_reduce(const sv_deep_reduction *r);
+
 // A deep picture as a frame of RGB16: [height][width][3] of two bytes, sRGB. scratch:
 // SV_DEEP_SCRATCH_FLOATS.
 void sv_deep_encode(const uint16_t *linear, int width_px, int height_px, uint8_t *rgb16, float *scratch,

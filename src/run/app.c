@@ -343,9 +343,6 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
   if (cfg->is_deep && (is_multiplexed(cfg) || cfg->is_dynamic || cfg->prior))
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "16 bits a value are for still scenes without a prior, and not for multiplexed sensors");
-  for (int i = 0; cfg->is_deep && i < cfg->rig->n_sub_views; i++)
-    if (cfg->rig->sub_views[i].source_width_px)
-      return sv_fail(err, SV_E_UNSUPPORTED, "pictures of 16 bits are trained on at the size of their frames");
   if (!sv_app_n_trained_sub_views(cfg))
     return sv_fail(err, SV_E_ARG, "none of the chosen sub-views is in rig \"%s\", which has %d",
                    cfg->rig->name, cfg->rig->n_sub_views);

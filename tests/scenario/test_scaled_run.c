@@ -65,6 +65,20 @@ TEST(a_smaller_size_is_as_good_as_smaller_cameras) {
   refused("sim:textured,rig=multiplexed", "--scale 2", "not for multiplexed");
 }
 
+TEST(deep_pictures_too) {
+  static const char more[] = ",depth=16,noise=read:1e-6:shot:1e-4,bracket=0.1";
+  char a[20], b[20], full[200], small[200];
+  snprintf(full, sizeof full, FULL "%s", more);
+  snprintf(small, sizeof small, SMALL "%s", more);
+  const double at_size = run(small, "--depth 16", "psnr", a),
+               scaled = run(full, "--depth 16 --scale 2", "psnr", a);
+  print_message("16 bits and brackets: cameras of 160x120 %.2f dB; of 320x240, --scale 2: %.2f dB\n", at_size,
+                scaled);
+  assert_true(scaled > at_size - 0.7);
+  (void)run(full, "--depth 16 --size 160x120 --threads 1", "psnr", b);
+  assert_string_equal(a, b);
+}
+
 TEST(a_rig_of_another_size_serves) {
   char digest[20], large[600], own[600], wide[600];
   shell_ok("$SV_EMULATE $SV_BIN/subview capture --source sim:textured,rig=stereo,size=640x480 --exposures 1 "
@@ -102,6 +116,7 @@ TEST(poses_are_the_same_at_any_calibrated_size) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(a_smaller_size_is_as_good_as_smaller_cameras),
+      cmocka_unit_test(deep_pictures_too),
       cmocka_unit_test(a_rig_of_another_size_serves),
       cmocka_unit_test(poses_are_the_same_at_any_calibrated_size),
   };

@@ -8,6 +8,7 @@
 #include "platform/camera/options.h"
 #include "platform/camera/tiled.h"
 #include "platform/codec/codec.h"
+#include "src/base/rng.h"
 #include "src/image/convert.h"
 #include "tests/common/test.h"
 
@@ -207,6 +208,42 @@ TEST(deep_formats_give_the_light) {
   assert_int_equal(n, 26);
 }
 
+// Each value is the mean of the light of the pixels that it covers, by the part covered.
+TEST(deep_pictures_are_made_smaller) {
+  static uint16_t from[3 * 40 * 30], to[3 * 40 * 30];
+  static const int sizes[][2] = {{20, 15}, {13, 10}, {40, 30}, {39, 7}, {1, 1}};
+  uint32_t sums[40];
+  sv_rng rng = sv_rng_make(3, 0);
+  for (int i = 0; i < 3 * 40 * 30; i++) from[i] = i < 40 ? 65535 : (uint16_t)sv_rng_below(&rng, 65536);
+  for (size_t n = 0; n < sizeof sizes / sizeof *sizes; n++) {
+    const int w = sizes[n][0], h = sizes[n][1];
+    sv_deep_reduction r = {.src = from,
+                           .src_plane = 40 * 30,
+                           .src_stride = 40,
+                           .src_width_px = 40,
+                           .src_height_px = 30,
+                           .dst = to,
+                           .dst_width_px = w,
+                           .dst_height_px = h,
+                           .row1 = h / 2,
+                           .scratch = sums};
+    sv_deep_reduce(&r); // in two parts
+    r.row0 = h / 2;
+    r.row1 = h;
+    sv_deep_reduce(&r);
+    for (int i = 0; i < 3 * w * h; i++) {
+      const double x0 = 40.0 * (i % w) / w, y0 = 30.0 * (i / w % h) / h, x1 = x0 + 40.0 / w,
+                   y1 = y0 + 30.0 / h;
+      double sum = 0;
+      for (int y = (int)y0; y < y1 && y < 30; y++)
+        for (int x = (int)x0; x < x1 && x < 40; x++)
+          sum += fmax(fmin(x1, x + 1) - fmax(x0, x), 0) * fmax(fmin(y1, y + 1) - fmax(y0, y), 0) *
+                 from[i / (w * h) * 1200 + y * 40 + x];
+      assert_true(fabs(to[i] - sum / ((x1 - x0) * (y1 - y0))) < 0.51);
+    }
+  }
+}
+
 TEST(deep_tones) {
   sv_camera_caps caps = {
       .name = "c", .width_px = W, .height_px = H, .format = SV_PIX_RGGB10, .tone = {64, 2, 1, true}};
@@ -333,6 +370,7 @@ int main(void) {
       cmocka_unit_test_setup(tones_of_raw_sensors, setup),
       cmocka_unit_test_setup(deep_formats_give_the_light, setup),
       cmocka_unit_test_setup(deep_tones, setup),
+      cmocka_unit_test(deep_pictures_are_made_smaller),
       cmocka_unit_test_setup(tiles_of_a_jpeg_are_decoded_once, setup),
       cmocka_unit_test_setup(what_cannot_be_converted_is_refused, setup),
   };
