@@ -121,8 +121,15 @@ static const sv_option table[] = {
      "cameras; the model and --eval have those of the first (off)",
      0, 0, 0},
     {"refine-poses", SV_OPT_FLAG, LAB_TRAIN, 0, AT(is_refining), 0,
-     "refine the poses while training, of an exposure's sub-views together; for poses that are off by more "
-     "than pictures forgive (import --refine is better)",
+     "refine the poses, of an exposure's sub-views together: by bundle adjustment on matches before training "
+     "(with "
+     "OpenCV), then while training; poses that explain the matches stay. Held-out views are placed against "
+     "the model "
+     "before they are scored",
+     0, 0, 0},
+    {"refine-poses", SV_OPT_FLAG, LAB_EVAL, 0, AT(is_refining), 0,
+     "refine the pose of each view against the model before it is scored, as train --refine-poses --eval "
+     "does",
      0, 0, 0},
     {"seed", SV_OPT_INT, LAB_TRAIN | LAB_BENCH | LAB_TABLES, 0, AT(seed), "N", "random seed (1)", 0,
      4294967295.0, 0},

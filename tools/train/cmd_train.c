@@ -49,6 +49,8 @@ typedef struct {
   lab_scores scores, time_scores; // time: of held-out times of the training cameras
   bool is_standing;               // the rig, while the scene moves
   bool is_stereo;                 // starts from depth maps of its own views
+  bool is_refining;               // training moves the poses
+  bool is_aligned;                // held-out poses are refined before they are scored
 } run;
 
 // --- settings ------------------------------------------------------------------------------------
@@ -260,6 +262,20 @@ static sv_status start(run *r, sv_err *err) {
   return s;
 }
 
+// --refine-poses: bundle adjustment on matches finds poses best. Training refines what it found,
+// or, without matches, the poses as they are.
+static sv_status adjust_poses(run *r, sv_err *err) {
+  sv_err why = {.text = ""};
+  bool is_right = false;
+  if (!r->o->is_refining) return SV_OK;
+  sv_status s = lab_poses_adjust(&r->views, &r->session, &is_right, &why);
+  if (s == SV_E_NOMEM || s == SV_E_INTERRUPTED) return sv_fail(err, s, "%s", why.text);
+  if (s != SV_OK) lab_say(&r->session, "poses are refined by training alone: %s", why.text);
+  r->is_refining = r->is_aligned = s != SV_OK || !is_right;
+  if (r->is_refining) lab_poses_plan(&r->views, s == SV_OK, &r->cfg);
+  return SV_OK;
+}
+
 static sv_status load(run *r, sv_err *err) {
   double t0 = lab_seconds(&r->session);
   lab_source src = {.folder = r->o->data,
@@ -277,7 +293,7 @@ static sv_status load(run *r, sv_err *err) {
     choose_objective(r);
   }
   if (s == SV_OK) s = lab_appearance_plan(&r->views, r->o->appearance, &r->cfg, err);
-  if (s == SV_OK && r->o->is_refining) lab_poses_plan(&r->views, &r->cfg);
+  if (s == SV_OK) s = adjust_poses(r, err);
   if (s == SV_OK) s = choose_start(r, err);
   // depth maps give up to one for each
   r->extras.n_points = r->is_stereo ? r->cfg.n_gaussians : r->start.n_points;
@@ -285,7 +301,7 @@ static sv_status load(run *r, sv_err *err) {
   if (s == SV_OK) s = load_pictures(r, err);
   if (s == SV_OK) s = add_views(r, err);
   if (s == SV_OK) s = add_measurements(r, err);
-  if (s == SV_OK && r->o->is_refining) lab_poses_set(&r->views, &r->plan.trainer);
+  if (s == SV_OK && r->is_refining) lab_poses_set(&r->views, &r->plan.trainer);
   if (s == SV_OK) s = start(r, err);
   r->load_s = lab_seconds(&r->session) - t0;
   return s;
@@ -321,7 +337,7 @@ static sv_status train(run *r, sv_err *err) {
       return sv_fail(err, s, "which views saw the Gaussians cannot be told: %s", sv_status_text(s));
     r->support = sv_support_sum_up(&support, &t->g);
   }
-  if (r->o->is_refining) {
+  if (r->is_refining) {
     const lab_poses_moved m = lab_poses_measure(t);
     lab_say(&r->session, "poses refined: moved by %.3f degrees and %.4g units in the mean", m.deg, m.shift);
   }
@@ -350,6 +366,7 @@ static sv_status evaluate(run *r, sv_err *err) {
                       .panel_folder = folder,
                       .n_panels = N_PANELS,
                       .has_lpips = r->o->has_lpips,
+                      .is_aligned = r->is_aligned,
                       .mask_from = r->o->mask ? &train : NULL,
                       .is_by_support = r->o->mask && sv_str_eq(r->o->mask, "supported")};
   job.render.has_depth = v.has_depth;

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "src/metric/metric.h"
+#include "tools/train/align_view.h"
 #include "tools/train/masks.h"
 #include "tools/train/support_mask.h"
 #include "tools/metric/lpips.h"
@@ -50,6 +51,7 @@ typedef struct {
   uint8_t *seen[LAB_N_MASKS];        // [h][w] the co-visible pixels
   uint8_t *counted;                  // [h][w] of the view's mask, NULL: no view has one
   bool is_masked;                    // this view has one
+  sv_view view;                      // as it is rendered
   double *ssim_scratch;
   sv_err err;
   double psnr, ssim, lpips;
@@ -156,9 +158,13 @@ static void load_task(void *arg, int i_task, int i_thread) {
 
 static sv_status render_slot(run *r, slot *s, const lab_frame *f, sv_err *err) {
   const sv_planes *p = &r->viewer.r.rgb;
+  const lab_align_job align = {&r->viewer, r->job->g, r->job->render, s->truth,
+                               s->is_masked ? s->counted : NULL};
   sv_status st = lab_motion_at(&r->job->motion, r->job->session, r->job->g, f->view.time, err);
+  s->view = f->view;
+  if (st >= 0 && r->job->is_aligned) st = lab_align_view(&s->view, &align, err);
   if (st < 0) return st;
-  st = sv_render(&r->viewer.r, r->job->g, &f->view, &r->job->render);
+  st = sv_render(&r->viewer.r, r->job->g, &s->view, &r->job->render);
   if (st < 0) return sv_fail(err, st, "%s: the view cannot be rendered", f->path);
   size_t w = (size_t)f->view.width_px, h = (size_t)f->view.height_px;
   for (size_t c = 0; c < 3; c++)
@@ -294,6 +300,8 @@ static void add_scores(lab_scores *out, const slot *s, const lab_frame *f) {
   out->psnr += s->psnr;
   out->ssim += s->ssim;
   out->lpips += s->lpips;
+  out->turned_deg += lab_view_turn_deg(&s->view, &f->view);
+  out->shifted += lab_view_shift(&s->view, &f->view);
   out->counted += (double)s->n_counted / ((double)f->view.width_px * f->view.height_px);
   for (int k = 0; k < out->n_masks; k++) {
     lab_masked_scores *m = &out->masked[k];
@@ -358,6 +366,8 @@ static sv_status evaluate(run *r, lab_scores *out, sv_err *err) {
   out->ssim /= out->n;
   out->lpips /= out->n;
   out->counted /= out->n;
+  out->turned_deg /= out->n;
+  out->shifted /= out->n;
   for (int k = 0; k < out->n_masks; k++) {
     lab_masked_scores *m = &out->masked[k];
     m->coverage /= out->n;
@@ -407,6 +417,7 @@ sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *
   if (job->has_lpips) s = sv_lpips_open(&r.lpips, err);
   if (s == SV_OK) s = open_masks(&r, out, err);
   out->has_lpips = job->has_lpips;
+  out->is_aligned = job->is_aligned;
   out->n_with_mask = v->n_masked;
   r.slots = calloc((size_t)r.n_slots, sizeof *r.slots);
   r.loaders = calloc((size_t)r.n_slots, sizeof *r.loaders);

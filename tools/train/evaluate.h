@@ -35,6 +35,9 @@ typedef struct {
   void (*on_view)(void *of, const lab_scored_view *v);
   void *of;
   bool has_lpips;
+  // Each view's pose is refined against the model before it is scored, for models whose training
+  // moved the poses: their world is not quite that of the held-out ones (as Lin et al. 2021, BARF).
+  bool is_aligned;
   const lab_source *mask_from; // NULL, or the training views: also scores what these have seen
   bool is_by_support;          // with mask_from: what they pin down instead (support_mask.h)
   // [n_shared] with mask_from: training views of other devices. Also scores what those of every
@@ -60,9 +63,12 @@ typedef struct {
   int n, n_depth;
   double lpips; // mean over the views; with has_lpips
   lab_masked_scores masked[LAB_N_MASKS];
-  int n_masks;     // of those that were wanted
-  int n_with_mask; // views with a mask of their own; scores are over the pixels that count
-  double counted;  // mean share of those
+  int n_masks; // of those that were wanted
+  // views with a mask of their own; scores are over the pixels that count
+  int n_with_mask;
+  double counted;             // mean share of those
+  bool is_aligned;            // poses were refined before the views were scored
+  double turned_deg, shifted; // means by which they moved; units of the scene
   bool has_lpips;
   const char *covisible_by; // "depth", "flow", or "support"; NULL without masks
   bool is_by_support;

@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/train/poses.h"
 
+#include <string.h>
+
 #include "src/base/mathx.h"
+#include "src/base/str.h"
+#include "tools/import/refine.h"
 
 // The first frame of frame i's exposure.
 static int first_of(const lab_views *v, int i) {
@@ -11,8 +15,64 @@ static int first_of(const lab_views *v, int i) {
   return i;
 }
 
-void lab_poses_plan(const lab_views *v, sv_train_cfg *cfg) {
+// --- before training -----------------------------------------------------------------------------
+
+static sv_status gather(const lab_views *v, lab_import *im, lab_refine_options *how, sv_err *err) {
+  for (int i = 0; i < v->n; i++) {
+    const sv_transforms_frame *f = &v->frames[i].f;
+    lab_import_view *to = lab_import_add(im);
+    if (!to) return sv_fail(err, SV_E_NOMEM, "no memory to match %d views", v->n);
+    sv_copy(to->source, sizeof to->source, v->frames[i].path);
+    sv_copy(to->name, sizeof to->name, f->file_path);
+    sv_copy(to->camera, sizeof to->camera, f->camera);
+    to->model = f->model;
+    to->cam_from_world = f->cam_from_world;
+    to->exposure = f->exposure;
+    to->sub_view = f->sub_view;
+    how->is_rig |= first_of(v, i) != i;
+  }
+  return SV_OK;
+}
+
+sv_status lab_poses_adjust(lab_views *v, lab_session *se, bool *is_right, sv_err *err) {
+  lab_import im = {0};
+  lab_matches m = {0};
+  lab_refined r = {0};
+  lab_refine_options how = {0};
+  sv_status s = gather(v, &im, &how, err);
+  if (s == SV_OK) s = lab_matches_find(&m, &im, se, err);
+  if (s == SV_OK) s = lab_import_refine(&im, &m, &how, &r, err);
+  for (int i = 0; s == SV_OK && i < v->n; i++) {
+    v->frames[i].f.cam_from_world = im.views[i].cam_from_world;
+    sv_view_set_pose(&v->frames[i].view, &im.views[i].cam_from_world);
+  }
+  *is_right = r.is_kept;
+  if (s == SV_OK && r.is_kept)
+    lab_say(se, "the poses are left as they are: they explain %d observations of %d points to %.2f px",
+            r.n_obs, r.n_points, r.rms_before_px);
+  else if (s == SV_OK)
+    lab_say(se,
+            "poses of %d of %d views by bundle adjustment%s: %.2f px before, %.2f px now; moved by %.3f "
+            "degrees and %.4f units",
+            r.n_placed, v->n, how.is_rig ? ", sub-views of an exposure together" : "", r.rms_before_px,
+            r.rms_px, r.moved_deg, r.moved);
+  lab_matches_free(&m);
+  lab_import_free(&im);
+  return s;
+}
+
+// --- while training ------------------------------------------------------------------------------
+
+// Of the trainer's rates, for poses that matches have placed: larger ones would first move them
+// farther off than they are.
+#define RATE_ADJUSTED 0.03f
+
+void lab_poses_plan(const lab_views *v, bool is_adjusted, sv_train_cfg *cfg) {
   cfg->poses = sv_train_poses_defaults();
+  if (is_adjusted) {
+    cfg->poses.rot_rad *= RATE_ADJUSTED;
+    cfg->poses.place *= RATE_ADJUSTED;
+  }
   for (int i = 0; i < v->n; i++) cfg->poses.cap_poses += first_of(v, i) == i;
 }
 

@@ -27,6 +27,10 @@ void lab_scores_report(lab_report *j, const lab_scores *s) {
     lab_report_num(j, "abs_rel", s->abs_rel);
     lab_report_num(j, "rmse", s->rmse);
   }
+  if (s->is_aligned) { // how far the held-out poses were refined before scoring
+    lab_report_num(j, "aligned_deg", s->turned_deg);
+    lab_report_num(j, "aligned_shift", s->shifted);
+  }
   if (s->n_with_mask) {
     lab_report_int(j, "views_with_mask", s->n_with_mask);
     lab_report_num(j, "unmasked", s->counted);
@@ -45,6 +49,9 @@ void lab_scores_print(const lab_scores *s) {
   if (s->has_lpips) printf(", LPIPS %.4f", s->lpips);
   if (s->n_depth) printf(", depth AbsRel %.4f, RMSE %.4f", s->abs_rel, s->rmse);
   if (s->n_with_mask) printf(" over the %.1f %% of the pixels that masks leave", 100 * s->counted);
+  if (s->is_aligned)
+    printf(" with held-out poses refined against the model, by %.3f degrees and %.4g units in the mean",
+           s->turned_deg, s->shifted);
   if (!s->covisible_by) return;
   for (int k = 0; k < s->n_masks; k++) {
     const lab_masked_scores *m = &s->masked[k];
