@@ -17,6 +17,9 @@
 // that it has in a budget of this size.
 #define REGULARIZED_GAUSSIANS 20000
 
+// Steps between two searches for Gaussians that none of a few exposures sees.
+#define HIDDEN_EVERY 500
+
 // Few exposures leave the space around a scene open to Gaussians in the background's color, which
 // no training view tells from nothing. With one exposure, what is behind its edges would be empty.
 static float random_until(const sv_train_cfg *cfg, const sv_sampling *s) {
@@ -92,6 +95,7 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   cfg->is_supersampled = is_grid && !s->is_multiplexed;
   cfg->supersample_from = 0.7f;
   cfg->random_until = random_until(cfg, s);
+  if (s->n_exposures < MANY_EXPOSURES && !s->is_moving) cfg->hidden_every = HIDDEN_EVERY;
   cfg->dropout = dropout_of(s, is_grid);
   cfg->dropout_until = cfg->is_supersampled ? cfg->supersample_from : DROPOUT_UNTIL;
   if (s->n_exposures <= SV_FEW_EXPOSURES && !s->is_moving) cfg->reg_opacity = opacity_weight(s, is_grid);

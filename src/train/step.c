@@ -8,6 +8,7 @@
 #include "src/splat/constants.h"
 #include "src/train/curvature.h"
 #include "src/train/mask.h"
+#include "src/train/hidden.h"
 #include "src/train/measurement.h"
 #include "src/train/novel.h"
 #include "src/train/optimize.h"
@@ -271,9 +272,12 @@ static sv_status add_images(sv_trainer *t, float progress, const sv_render_optio
   return s;
 }
 
-static void relocate(sv_trainer *t, float progress) {
+static sv_status relocate(sv_trainer *t, float progress) {
+  int n_hidden;
   if (t->cfg.relocate_every > 0 && t->step % (uint32_t)t->cfg.relocate_every == 0) sv_train_set_floors(t);
-  if (sv_train_is_relocation_due(t, progress)) sv_train_relocate(t, progress);
+  const sv_status s = sv_train_is_hidden_due(t, progress) ? sv_train_prune_hidden(t, &n_hidden) : SV_OK;
+  if (s >= 0 && sv_train_is_relocation_due(t, progress)) sv_train_relocate(t, progress);
+  return s;
 }
 
 static sv_status run_hook(sv_trainer *t, sv_status (*hook)(void *self, float progress), float progress) {
@@ -307,7 +311,7 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   t->step++;
   if (t->hooks && (s = run_hook(t, t->hooks->after_step, progress)) < 0) return s;
   // 5. Dead Gaussians go to where the error is.
-  if (c.can_relocate) relocate(t, progress);
+  if (c.can_relocate && (s = relocate(t, progress)) < 0) return s;
   // 6. Search for what moves.
   if (t->hooks && (s = run_hook(t, t->hooks->search, progress)) < 0) return s;
   if (out) *out = st;

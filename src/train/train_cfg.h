@@ -127,6 +127,9 @@ typedef struct sv_train_cfg {
   float relocate_share;
   // Progress until which it does; the rest of the run is fine-tuning. Default 0.4.
   float relocate_share_until;
+  // Steps from one search for hidden Gaussians (hidden.h) to the next, a multiple of
+  // relocate_every; 0: none. Default 0.
+  int hidden_every;
   float noise; // Factor on the SGLD position noise of low-opacity Gaussians. Default 1.
   // Minimum screen-space scale: smallest standard deviation of a Gaussian, in pixels of the view
   // that sees it sharpest. Default 0: none.
