@@ -49,6 +49,7 @@ static void carve_reduced(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena
 static void carve_shutters(sv_exposures *e, const sv_exposures_cfg *cfg, sv_arena *a) {
   if (!cfg->is_deep) return;
   e->first_ns = SV_TAKE(a, sv_ns, cfg->n_cameras);
+  e->light = SV_TAKE(a, double, 1 + cfg->n_cameras);
   e->shutter = SV_TAKE(a, float, (size_t)(cfg->cap_exposures + 1) * (size_t)cfg->n_cameras);
   for (int i = 0; e->first_ns && i < cfg->n_cameras; i++) e->first_ns[i] = 0;
 }
@@ -500,4 +501,23 @@ void sv_exposures_deep(const sv_exposures *e, int i, int i_sub, sv_image_deep *o
                          .photometric = v->photometric.is_known ? &v->photometric : NULL,
                          .read = (float)sv_maxd(share * (is_known ? v->noise.read : USUAL_READ), MIN_READ),
                          .shot = (float)(share * (is_known ? v->noise.shot : USUAL_SHOT))};
+}
+
+void sv_exposures_note_light(sv_exposures *e) {
+  if (!e->light) return;
+  e->light[0] = (double)e->white;
+  for (int c = 0; c < e->cfg.n_cameras; c++) e->light[1 + c] = sv_ns_to_s(e->first_ns[c]);
+}
+
+void sv_exposures_take_light(sv_exposures *e) {
+  if (!e->light) return;
+  e->white = (float)e->light[0];
+  for (int c = 0; c < e->cfg.n_cameras; c++) {
+    const int i = is_like_first(e, c) ? 0 : c;
+    const double was_s = sv_ns_to_s(e->first_ns[i]), is_s = e->light[1 + i];
+    for (int place = 0; place <= e->cfg.cap_exposures && was_s > 0 && is_s > 0 && was_s != is_s; place++)
+      e->shutter[place * e->cfg.n_cameras + c] *= (float)(was_s / is_s);
+  }
+  for (int c = 0; c < e->cfg.n_cameras; c++)
+    if (e->light[1 + c] > 0) e->first_ns[c] = (sv_ns)(1e9 * e->light[1 + c] + 0.5);
 }

@@ -82,6 +82,7 @@ typedef struct {
   // [n_cameras] shutter time of the first frame, that of the first camera for all that differ from
   // it in nothing else; with is_deep, else NULL
   sv_ns *first_ns;
+  double *light;  // [1 + n_cameras] see sv_exposures_note_light; with is_deep, else NULL
   float *shutter; // [cap_exposures + 1][n_cameras] shutter time over that, of each block
   uint64_t n_replaced;
 } sv_exposures;
@@ -101,6 +102,11 @@ sv_status sv_exposures_add(sv_exposures *e, const sv_exposure *exposure, const s
 
 // With is_deep: the deep picture of sub-view i_sub of exposure i.
 void sv_exposures_deep(const sv_exposures *e, int i, int i_sub, sv_image_deep *out);
+
+// With is_deep: what values are counted from, white and each camera's first shutter time in s, to
+// light; and from it, where a run that is resumed has put that of the run before it.
+void sv_exposures_note_light(sv_exposures *e);
+void sv_exposures_take_light(sv_exposures *e);
 
 // When a sub-view of a rolling shutter reads the places of a view of it. E_RANGE: the lens sees too
 // little of it.

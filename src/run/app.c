@@ -141,6 +141,8 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
   if (s < 0) return s;
   s = sv_trainer_init(&app->trainer, t, compute, a, err);
   if (s < 0) return s;
+  app->trainer.light = app->exposures.light;
+  app->trainer.n_light = c->is_deep ? 1 + c->n_cameras : 0;
   const sv_dynamic_cfg dynamic = sv_app_dynamic_cfg(c);
   const sv_prior_cfg prior = sv_app_prior_cfg(c, t->cap_views);
   if ((s = sv_dynamic_init(&app->dynamic, &dynamic, &app->trainer, a, err)) < 0) return s;
@@ -425,6 +427,7 @@ static sv_bounds bounds_of_views(sv_app *app) {
 static sv_status first_or_resumed(sv_app *app, sv_err *err) {
   const bool is_tracked = app->odometry.is_tracked;
   sv_app_log_views(app);
+  sv_exposures_note_light(&app->exposures);
   sv_app_begin_moving(app);
   for (int e = 0; e < app->exposures.n; e++) {
     if (is_tracked && !app->exposures.exposure[e].has_pose) continue; // nobody knows where it was
@@ -437,6 +440,7 @@ static sv_status first_or_resumed(sv_app *app, sv_err *err) {
   if (!app->cfg.is_resume) return first_model(app, &b, true, err);
   sv_status s = first_model(app, &b, false, err); // a checkpoint replaces it
   if (s >= 0) s = sv_app_resume(app, err);
+  if (s >= 0 && s != SV_AGAIN) sv_app_take_light(app);
   if (s != SV_AGAIN) return s;
   sv_app_log(app, SV_LOG_INFO, "no checkpoint.bin in the output folder; starting at step 0");
   return first_model(app, &b, true, err);

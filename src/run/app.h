@@ -93,6 +93,8 @@ sv_heat sv_app_heat(sv_app *app);
 sv_status sv_app_add_views(sv_app *app, int e, sv_err *err) SV_MUST_USE;
 // View i_view of the trainer is sub-view i_sub of exposure e: its rolling shutter and deep picture.
 void sv_app_describe_view(sv_app *app, int i_view, int e, int i_sub);
+// Views of deep pictures, after a checkpoint has told what light is counted from.
+void sv_app_take_light(sv_app *app);
 // What is known of rolling shutters and deep pictures goes to the log.
 void sv_app_log_views(sv_app *app);
 

@@ -18,6 +18,17 @@ static void set_deep(sv_app *app, int i_view, int e, int i_sub) {
   sv_train_set_deep(&app->trainer, i_view, &deep);
 }
 
+void sv_app_take_light(sv_app *app) {
+  int i_view = 0;
+  if (!app->cfg.is_deep) return;
+  sv_exposures_take_light(&app->exposures);
+  for (int e = 0; e < app->exposures.n; e++) {
+    if (app->odometry.is_tracked && !app->exposures.exposure[e].has_pose) continue;
+    for (int i = 0; i < app->cfg.rig->n_sub_views; i++)
+      if (sv_app_is_trained_on(&app->cfg, i)) set_deep(app, i_view++, e, i);
+  }
+}
+
 void sv_app_describe_view(sv_app *app, int i_view, int e, int i_sub) {
   set_deep(app, i_view, e, i_sub);
   set_rolling(app, i_view, e, i_sub);

@@ -33,12 +33,15 @@ static size_t exposures_bytes(const sv_trainer *t) {
   return cameras_bytes(t) ? (size_t)t->cfg.appearance.n_exposures * sizeof *t->appearance.exposure : 0;
 }
 
+// Section LITE: what the light of deep pictures is counted from.
+static size_t light_bytes(const sv_trainer *t) { return (size_t)t->n_light * sizeof *t->light; }
+
 static size_t moments_bytes(const sv_trainer *t) { return rows_bytes(t) / sizeof(float) * sizeof *t->m; }
 
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
-  return SV_SECTIONS_OVERHEAD_BYTES + 17 * 40 + floors_bytes(t) + cameras_bytes(t) + exposures_bytes(t) +
-         sizeof(head_t) + rows_bytes(t) + 2 * moments_bytes(t) + (size_t)t->g.cap * sizeof(float) +
-         (size_t)(t->cfg.cap_views + t->cfg.cap_regions) * sizeof(int) +
+  return SV_SECTIONS_OVERHEAD_BYTES + 18 * 40 + light_bytes(t) + floors_bytes(t) + cameras_bytes(t) +
+         exposures_bytes(t) + sizeof(head_t) + rows_bytes(t) + 2 * moments_bytes(t) +
+         (size_t)t->g.cap * sizeof(float) + (size_t)(t->cfg.cap_views + t->cfg.cap_regions) * sizeof(int) +
          (SV_TRAIN_HAS(t, checkpoint_bytes) ? t->hooks->checkpoint_bytes(t->hooked) : 0);
 }
 
@@ -76,6 +79,7 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
     s = sv_sections_put(&w, "APPC", t->appearance.camera, cameras_bytes(t), err);
   if (s >= 0 && exposures_bytes(t))
     s = sv_sections_put(&w, "APPE", t->appearance.exposure, exposures_bytes(t), err);
+  if (s >= 0 && t->n_light) s = sv_sections_put(&w, "LITE", t->light, light_bytes(t), err);
   if (s >= 0 && SV_TRAIN_HAS(t, save)) s = t->hooks->save(t->hooked, &w, err);
   return s >= 0 ? sv_sections_end(&w, err) : s;
 }
@@ -110,6 +114,17 @@ static sv_status check_run(const head_t *h, const sv_trainer *t, const char *nam
   return SV_OK;
 }
 
+// A model of deep pictures is in units of their light, others in display values.
+static sv_status check_depth(const sv_sections *r, const sv_trainer *t, sv_err *err) {
+  const void *data;
+  size_t bytes;
+  sv_err none;
+  const bool is_deep = sv_sections_find(r, "LITE", &data, &bytes, &none) >= 0;
+  if (is_deep == (t->n_light > 0)) return SV_OK;
+  return sv_fail(err, SV_E_RANGE, "%s: made with --depth %d; give the same one, or another --out", r->name,
+                 is_deep ? 16 : 8);
+}
+
 sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, size_t bytes, sv_err *err) {
   sv_sections r;
   head_t h;
@@ -139,6 +154,7 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
                    name);
   if (!(h.radius > 0)) return sv_fail(err, SV_E_FORMAT, "%s: the scene radius is not positive", name);
   if (!(h.trained_s >= 0)) return sv_fail(err, SV_E_FORMAT, "%s: the time of training is negative", name);
+  if ((s = check_depth(&r, t, err)) < 0) return s;
   if ((s = check_order(&r, h.n_items, err)) < 0) return s;
   s = sv_sections_get(&r, "GAUS", t->g.param, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_get(&r, "ADAM", t->m, moments_bytes(t), err);
@@ -150,6 +166,7 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
     s = sv_sections_get(&r, "APPC", t->appearance.camera, cameras_bytes(t), err);
   if (s >= 0 && exposures_bytes(t))
     s = sv_sections_get(&r, "APPE", t->appearance.exposure, exposures_bytes(t), err);
+  if (s >= 0 && t->n_light) s = sv_sections_get(&r, "LITE", t->light, light_bytes(t), err);
   if (s >= 0 && SV_TRAIN_HAS(t, load)) s = t->hooks->load(t->hooked, &r, &h.motion, err);
   if (s < 0) return s;
   t->i_order = h.i_order;

@@ -116,6 +116,10 @@ struct sv_trainer {
   // Kept for a caller, too: what is trained on, as a number that a checkpoint must share with the
   // run that resumes it.
   uint64_t origin;
+  // Likewise, of deep pictures: what light is counted from, of someone else. A checkpoint puts that
+  // of its run there. NULL: none.
+  double *light;
+  int n_light;
   sv_rng rng;
 };
 

@@ -70,6 +70,45 @@ TEST(test_memory) {
   assert_true(bytes[1] > bytes[0] + pictures && bytes[1] < bytes[0] + pictures + (1u << 20));
 }
 
+// Runs to the end, stops on the way, or goes on, with so much of the exposure time.
+static double part_of(int stop_at, bool is_resume, double share, uint64_t *digest) {
+  double psnr = 0;
+  open_run(USUAL ",light=0.99", true, ~0u, 1);
+  w.stop_at_step = (uint32_t)stop_at;
+  w.cfg.is_resume = is_resume;
+  for (int i = 0; i < 2; i++) w.sim.exposure[i] = share;
+  assert_int_equal(world_run(&w), stop_at ? SV_E_INTERRUPTED : SV_OK);
+  if (!stop_at) {
+    for (int i = 0; i < 2; i++) w.sim.exposure[i] = 1;
+    psnr = world_heldout_psnr(&w, 6);
+    *digest = world_digest(&w);
+  }
+  world_close(&w);
+  return psnr;
+}
+
+// A run that goes on counts light as the one before it, also when its pictures are darker.
+TEST(test_resume) {
+  uint64_t whole, resumed, darker;
+  const double psnr = part_of(0, false, 1, &whole);
+  world_forget_files(&w);
+  (void)part_of(400, false, 1, NULL);
+  (void)part_of(0, true, 1, &resumed);
+  assert_true(resumed == whole);
+  world_forget_files(&w);
+  (void)part_of(400, false, 1, NULL);
+  const double with_darker = part_of(0, true, 0.7, &darker);
+  print_message("whole %.2f dB; the last fifth with 70 %% of the exposure time %.2f dB\n", psnr, with_darker);
+  assert_true(darker != whole && with_darker > psnr - 0.6);
+  open_run(USUAL ",light=0.99", false, ~0u, 1);
+  w.cfg.is_resume = true;
+  w.cfg.source_name = USUAL ",light=0.99,depth=16";
+  assert_int_equal(world_run(&w), SV_E_RANGE);
+  assert_contains(w.err.text, "made with --depth 16");
+  world_close(&w);
+  world_forget_files(&w);
+}
+
 TEST(test_refused) {
   open_run(USUAL, false, ~0u, 1);
   w.cfg.is_deep = true;
@@ -85,6 +124,7 @@ TEST(test_refused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_high_range), cmocka_unit_test(test_digest),
-                                     cmocka_unit_test(test_memory), cmocka_unit_test(test_refused)};
+                                     cmocka_unit_test(test_memory), cmocka_unit_test(test_resume),
+                                     cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
