@@ -5,7 +5,7 @@
 
 #include "src/base/mathx.h"
 #include "src/prior/methods.h"
-#include "src/train/stereo.h"
+#include "src/prior/solve.h"
 
 #define MIN_SAMPLES 64    // for a fit of two numbers
 #define STRAY       500   // one of so many values may lie outside of its limits
@@ -15,7 +15,9 @@
 #define CAUCHY      2.4f  // standard deviations at which a weight is a half
 #define PLATEAU     100   // one of so many pixels at the lowest value are no surface
 #define BORDER      10    // one of so many border pixels may be known of a scene inside the picture
-#define FAR_RADII   8.0f  // behind the ball, as the planes of a sweep
+// of a map that the model can tell more of later (sv_prior_realign)
+#define GUESSED_TRUST 0.05f
+#define FAR_RADII     8.0f // behind the ball, as the planes of a sweep
 
 // --- fits ----------------------------------------------------------------------------------------
 
@@ -157,18 +159,18 @@ static bool chord(const ball *b, const float ray[3], double *near, double *far) 
   return *near > 0;
 }
 
-// Between samples, in both directions.
-static int stride_of(const sv_prior_depth *d) {
-  int step = 1;
-  while ((d->width_px / step + 1) * (d->height_px / step + 1) > SV_PRIOR_SAMPLES) step++;
-  return step;
-}
-
 static void add_sample(sv_prior_samples *s, float map, double low, double high) {
   if (s->n >= SV_PRIOR_SAMPLES) return;
   s->map[s->n] = map;
   s->low[s->n] = (float)low;
   s->high[s->n++] = (float)high;
+}
+
+// Between samples, in both directions.
+static int stride_of(const sv_prior_depth *d) {
+  int step = 1;
+  while ((d->width_px / step + 1) * (d->height_px / step + 1) > SV_PRIOR_SAMPLES) step++;
+  return step;
 }
 
 static void sample_ball(sv_prior_samples *s, const ball *b, const sv_view *v, const sv_prior_depth *d) {
@@ -183,17 +185,6 @@ static void sample_ball(sv_prior_samples *s, const ball *b, const sv_view *v, co
       if (!chord(b, ray, &near, &far)) continue;
       add_sample(s, value_at(d, x, y), is_inverse ? 1 / far : near, is_inverse ? 1 / near : far);
     }
-}
-
-// The map becomes inverse depth in world units, of at least `least`.
-static void become_aligned(sv_prior_depth *d, float scale, float shift, float least) {
-  const bool is_depth = d->kind == SV_PRIOR_RELATIVE;
-  for (int i = 0; i < d->width_px * d->height_px; i++) {
-    if (d->map[i] < 0.0f) continue;
-    const float y = scale * d->map[i] + shift;
-    d->map[i] = is_depth ? 1.0f / sv_clampf(y, 1e-6f, 1.0f / least) : sv_maxf(y, least);
-  }
-  d->kind = SV_PRIOR_ALIGNED;
 }
 
 static bool align_to_ball(sv_prior *p, sv_prior_depth *d, const sv_bounds *bounds) {
@@ -211,8 +202,9 @@ static bool align_to_ball(sv_prior *p, sv_prior_depth *d, const sv_bounds *bound
   sample_ball(s, &b, v, d);
   const sv_prior_fit f = {s->map, s->low, s->high, s->n};
   if (!sv_prior_fit_between(&f, s->work, &scale, &shift)) return false;
-  become_aligned(d, scale, shift, 1.0f / (float)(distance + (double)FAR_RADII * b.radius));
+  sv_prior_apply_line(d, scale, shift, 1.0f / (float)(distance + (double)FAR_RADII * b.radius));
   d->unit = (float)(1 / b.centre[2]);
+  if (p->t->n_views > 1) d->trust = GUESSED_TRUST;
   return true;
 }
 
@@ -228,68 +220,30 @@ int sv_prior_align_to_ball(sv_prior *p, const sv_bounds *bounds) {
 // --- measured depth ------------------------------------------------------------------------------
 
 static void sample_depth(sv_prior_samples *s, const sv_prior_depth *d, const float *depth) {
-  const int step = stride_of(d);
+  const int step = sv_prior_stride(d);
   s->n = 0;
   for (int y = step / 2; y < d->height_px; y += step)
     for (int x = step / 2; x < d->width_px; x += step) {
       const float z = depth[(size_t)y * (size_t)d->width_px + (size_t)x];
-      const double target = d->kind == SV_PRIOR_INVERSE ? 1 / (double)z : (double)z;
-      if (z > 0.0f && value_at(d, x, y) >= 0.0f) add_sample(s, value_at(d, x, y), target, target);
+      if (z > 0.0f && value_at(d, x, y) >= 0.0f) (void)sv_prior_add_sample(s, d, x, y, z);
     }
 }
 
 bool sv_prior_align_to_depth(sv_prior *p, sv_prior_depth *d, const float *depth) {
   sv_prior_samples *s = p->samples;
-  float scale, shift, farthest = 0.0f;
+  float farthest = 0.0f;
   double sum = 0;
   if (!is_relative(d)) return false;
   sample_depth(s, d, depth);
-  const sv_prior_fit f = {s->map, s->low, s->high, s->n};
-  if (!sv_prior_fit_line(&f, s->work, &scale, &shift)) return false;
   for (int i = 0; i < s->n; i++) {
     const float z = d->kind == SV_PRIOR_INVERSE ? 1.0f / s->low[i] : s->low[i];
     sum += 1 / (double)z;
     farthest = sv_maxf(farthest, z);
   }
-  d->unit = (float)(sum / s->n);
-  become_aligned(d, scale, shift, 1.0f / (FAR_RADII * farthest));
+  d->unit = (float)(sum / sv_maxi(s->n, 1));
+  if (!sv_prior_solve(s, d, 1.0f / (FAR_RADII * sv_maxf(farthest, 1e-6f)))) return false;
+  d->is_measured = true;
   for (int i = 0; i < d->width_px * d->height_px; i++)
     if (depth[i] > 0.0f) d->map[i] = -1.0f;
   return true;
-}
-
-// --- points --------------------------------------------------------------------------------------
-
-typedef struct { // takes n of n_all, evenly over their order
-  int64_t n_all, i_all;
-  sv_point *point; // NULL: counts alone
-  int n, n_out;
-} sampler;
-
-static void take(sampler *s, const sv_train_view *v, const sv_prior_depth *d) {
-  for (int y = 0; y < d->height_px; y++)
-    for (int x = 0; x < d->width_px; x++) {
-      sv_point here;
-      const float w = value_at(d, x, y);
-      if (!(w > 0.0f) || !sv_stereo_pixel(v, x, y, 1.0f / w, &here)) continue;
-      if (!s->point) {
-        s->n_all++;
-        continue;
-      }
-      const int64_t i = s->i_all++;
-      if (s->n_all <= s->n || (i + 1) * s->n / s->n_all > i * s->n / s->n_all) s->point[s->n_out++] = here;
-    }
-}
-
-int sv_prior_points(const sv_prior *p, sv_point *point, int cap) {
-  sampler s = {.n = cap};
-  for (int pass = 0; pass < 2; pass++) {
-    s.point = pass ? point : NULL;
-    for (int i = 0; i < p->cfg.cap_depths; i++) {
-      const sv_prior_depth *d = &p->depths[i];
-      if (d->kind == SV_PRIOR_ALIGNED && d->id >= 0 && d->id < p->t->n_views)
-        take(&s, &p->t->views[d->id], d);
-    }
-  }
-  return s.n_out;
 }

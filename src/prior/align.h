@@ -2,8 +2,8 @@
 // Scale and shift of relative depth maps, for each view on its own: a monocular network tells
 // inverse depth up to an affine map. Solved against what is known best there: depth maps of the
 // rig's own views, else the current model where other views confirm it, else the ball around the
-// scene. A solved map becomes SV_PRIOR_ALIGNED: inverse depth in world units, which gives starting
-// points and a loss of its own (views.h). A map that nothing aligns keeps Pearson's correlation.
+// scene. A solved map becomes SV_PRIOR_ALIGNED: inverse depth in world units, with a loss of its
+// own (views.h). A map that nothing aligns keeps Pearson's correlation.
 // Owns nothing. Never changes a map that is in world units already.
 #ifndef SV_PRIOR_ALIGN_H
 #define SV_PRIOR_ALIGN_H
@@ -37,14 +37,15 @@ bool sv_prior_fit_line(const sv_prior_fit *f, float *work, float *scale, float *
 int sv_prior_align_to_ball(sv_prior *p, const sv_bounds *bounds);
 
 // Solves a relative map of a training view against measured depth of its pixels ([height][width]
-// along the axis, below 0: unknown), by a robust line in inverse depth. Pixels that were measured
-// are forgotten: what the rig sees by itself needs no prior. false: too little in common, the map
-// is left alone.
+// along the axis, below 0: unknown), by a robust line and a smooth correction (solve.h). Pixels
+// that were measured are forgotten: what the rig sees by itself needs no prior. false: too little
+// in common, the map is left alone.
 bool sv_prior_align_to_depth(sv_prior *p, sv_prior_depth *d, const float *depth);
 
-// Points of the surface from the aligned maps, in the pictures' colors, evenly over all maps;
-// returns how many of at most cap.
-int sv_prior_points(const sv_prior *p, sv_point *point, int cap);
+// Solves aligned maps of training views again, but those of the call above: against the model as it
+// is, where one of the two nearest other views sees the same surface. A map that falls where the
+// model rises is not trusted until it is solved. *n_solved is how many were.
+sv_status sv_prior_realign(sv_prior *p, float progress, int *n_solved) SV_MUST_USE;
 
 #ifdef __cplusplus
 }

@@ -252,6 +252,8 @@ sv_status sv_prior_submit_depth(sv_prior *p, int id, const sv_prior_map *map) {
   d->height_px = height_px;
   d->kind = map->kind;
   d->weight = map->weight;
+  d->is_of_depth = d->is_measured = false;
+  d->trust = 1.0f;
   memcpy(d->map, map->px, (size_t)width_px * (size_t)height_px * sizeof *map->px);
   forget_masked(p->t, d);
   return SV_OK;

@@ -24,7 +24,7 @@ typedef enum {
   SV_PRIOR_INVERSE,  // the same of inverse depth (disparity, as monocular networks give it)
   SV_PRIOR_METRIC,   // depth in world units; loss: mean absolute difference in scene radii
   SV_PRIOR_ALIGNED   // inverse depth in world units, of a relative map that was solved (align.h);
-                     // loss: mean absolute difference times the distance of the scene
+                     // loss: mean absolute difference times the distance of the scene, by trust
 } sv_prior_depth_kind;
 
 typedef enum { SV_PRIOR_NONE, SV_PRIOR_FSGS, SV_PRIOR_SPARSEGS } sv_prior_method;
@@ -72,7 +72,11 @@ typedef struct {
   int width_px, height_px;
   sv_prior_depth_kind kind;
   float weight;
-  float unit; // of ALIGNED: inverse depth of the scene, by which differences are divided
+  // Of ALIGNED:
+  float unit;       // inverse depth of the scene, by which differences are divided
+  bool is_of_depth; // the map was depth, not inverse depth: scale and shift are those of depth
+  bool is_measured; // solved against depth that the rig measured: not solved again
+  float trust;      // share of its weight that the map's residuals leave it, 0 to 1
 } sv_prior_depth;
 
 #define SV_PRIOR_SAMPLES 2048 // pixels of a map that its scale and shift are solved from, at most
@@ -80,6 +84,9 @@ typedef struct {
 // Of a fit (align.h).
 typedef struct {
   float map[SV_PRIOR_SAMPLES], low[SV_PRIOR_SAMPLES], high[SV_PRIOR_SAMPLES], work[2 * SV_PRIOR_SAMPLES];
+  float at[SV_PRIOR_SAMPLES][2];    // place in the picture, 0 to 1
+  float point[SV_PRIOR_SAMPLES][3]; // in the world
+  bool is_confirmed[SV_PRIOR_SAMPLES];
   int n;
 } sv_prior_samples;
 

@@ -11,6 +11,10 @@
 
 #define BAND_ROWS 16
 
+// An aligned map counts as much as the picture: what shapes a surface that one view sees is the map
+// alone (docs/notes/quality.md).
+#define ALIGNED_FACTOR 60.0f
+
 // --- views ---------------------------------------------------------------------------------------
 
 sv_status sv_prior_request_views(sv_prior *prior, float turn_rad, int n, sv_view *out) {
@@ -109,6 +113,7 @@ double sv_prior_depth_loss(sv_prior *prior, const sv_prior_depth *d, int scale, 
   const bool is_aligned = d->kind == SV_PRIOR_ALIGNED;
   sv_depth_input in = depth_input(prior, d->kind == SV_PRIOR_INVERSE || is_aligned);
   weight *= d->weight;
+  if (is_aligned) weight *= ALIGNED_FACTOR * d->trust;
   load_map(prior, d, scale, size);
   sv_depth_expected(&in, prior->expected, prior->mask);
   memset(prior->g_expected, 0, (size_t)size->rows_padded * (size_t)size->stride * sizeof *prior->g_expected);

@@ -10,7 +10,9 @@
 #include "src/train/novel.h"
 #include "src/train/sweep.h"
 
-#define MIN_PIXELS 64 // for a fit of two numbers
+#define ROUNDS     10    // of aligning maps to the model, in a run
+#define LAST_ROUND 0.85f // progress until which it is done
+#define MIN_PIXELS 64    // for a fit of two numbers
 // relative step of depth to the next pixel: between two surfaces there is nothing
 #define EDGE 0.05f
 #define SAME 0.02f // relative: the first of two that fall on a pixel stays
@@ -209,8 +211,12 @@ sv_status sv_prior_update(sv_prior *prior, float progress) {
   const sv_prior_cfg *c = &prior->cfg;
   const uint32_t every = (uint32_t)sv_maxi(prior->t->cfg.relocate_every, 1);
   uint32_t n_pruned;
+  int n_solved;
   sv_status s = SV_OK;
   prior->updated_until = progress;
+  if ((int)(before * ROUNDS) < (int)(progress * ROUNDS) && progress < LAST_ROUND)
+    s = sv_prior_realign(prior, progress, &n_solved);
+  if (s < 0) return s;
   if (!c->method || prior->t->n_views < 1) return SV_OK;
   for (int i = 0; i < 2 && s >= 0 && has_maps(prior); i++)
     if (before < c->prune_at[i] && progress >= c->prune_at[i]) s = sv_prior_prune(prior, &n_pruned);

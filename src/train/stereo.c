@@ -39,11 +39,6 @@ bool sv_stereo_point(const sv_trainer *t, const sv_depth_map *m, int x, int y, s
   return back_project(&m->view, (float)x + 0.5f, (float)y + 0.5f, *z, out->mean);
 }
 
-bool sv_stereo_pixel(const sv_train_view *v, int x, int y, float z, sv_point *out) {
-  return colour(&v->image, 1, x, y, out->rgb) &&
-         back_project(&v->view, (float)x + 0.5f, (float)y + 0.5f, z, out->mean);
-}
-
 #define SHELL_KEY 17 // of the hash
 
 // Where the scene does not end and nothing was measured, it may be anywhere behind: shells by

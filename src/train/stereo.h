@@ -29,8 +29,6 @@ sv_status sv_stereo_points(const sv_trainer *t, const sv_bounds *bounds, sv_aren
                            sv_stereo_cloud *out) SV_MUST_USE;
 // The point of a map's pixel, *z its depth; false: not measured, or transparent.
 bool sv_stereo_point(const sv_trainer *t, const sv_depth_map *m, int x, int y, sv_point *out, float *z);
-// The point of a view's pixel at a depth along the axis; false: it is transparent or masked.
-bool sv_stereo_pixel(const sv_train_view *v, int x, int y, float z, sv_point *out);
 // How Gaussians start at such points. Points lie about as far apart as they should be large.
 sv_init_cfg sv_stereo_init(const sv_bounds *bounds, uint64_t seed);
 

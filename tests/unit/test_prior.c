@@ -431,7 +431,6 @@ static float depth_in_ball(const sv_view *v, int x, int y) {
 // depth of unknown scale and shift: the ball tells both, though the bounds are of another size.
 TEST(test_ball_tells_scale) {
   static float map[W * H];
-  static sv_point points[W * H];
   const sv_bounds bounds = {.radius = 1.3f};
   make(&trainer, &in_order, block, sizeof block);
   const sv_view *v = &trainer.views[0].view;
@@ -440,7 +439,6 @@ TEST(test_ball_tells_scale) {
       const float z = depth_in_ball(v, x, y);
       map[y * W + x] = z > 0 ? 7.0f / z + 2.0f : 2.0f;
     }
-  assert_int_equal(sv_prior_points(&prior, points, W * H), 0);
   assert_int_equal(sv_prior_submit_depth(&prior, 0, &(sv_prior_map){map, W, H, SV_PRIOR_INVERSE, 1}), SV_OK);
   assert_int_equal(sv_prior_align_to_ball(&prior, &bounds), 1);
   const sv_prior_depth *d = sv_prior_find_depth(&prior, 0, v);
@@ -457,12 +455,6 @@ TEST(test_ball_tells_scale) {
       n_known += z > 0;
     }
   if (!(off < 0.12f * (float)n_known)) fail_msg("mean error of depth %.3f", (double)(off / (float)n_known));
-  assert_int_equal(sv_prior_points(&prior, points, W * H), n_known);
-  assert_int_equal(sv_prior_points(&prior, points, 100), 100);
-  for (int i = 0; i < 100; i++) {
-    const float *q = points[i].mean;
-    assert_true(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] < 0.81f);
-  }
   assert_int_equal(sv_prior_align_to_ball(&prior, &bounds), 0); // it has its scale
 }
 
@@ -491,12 +483,83 @@ TEST(test_stereo_tells_scale) {
   assert_int_equal(d->kind, SV_PRIOR_INVERSE);
 }
 
+// A plane whose map is off by a wave as long as the picture: measured depth in every second
+// block of pixels tells the wave also between them, and the map is trusted the more the less noise
+// it has.
+TEST(test_smooth_errors) {
+  static float map[W * H], depth[W * H];
+  float trust[2];
+  for (int is_noisy = 0; is_noisy < 2; is_noisy++) {
+    sv_rng r = sv_rng_make(5, 1);
+    make(&trainer, &in_order, block, sizeof block);
+    for (int i = 0; i < W * H; i++) {
+      const float z = 2.0f + 0.02f * (float)(i % W) + 0.01f * (float)(i / W);
+      const float wave = 0.05f * (float)sv_sin(2 * SV_PI * (double)(i % W) / W);
+      map[i] = (1.0f + wave + 0.05f * (float)is_noisy * sv_rng_normal(&r)) / z;
+      depth[i] = (i % W / 3 + i / W / 3) % 2 ? z : -1.0f;
+    }
+    assert_int_equal(sv_prior_submit_depth(&prior, 1, &(sv_prior_map){map, W, H, SV_PRIOR_INVERSE, 1}),
+                     SV_OK);
+    sv_prior_depth *d = sv_prior_find_depth(&prior, 1, &trainer.views[1].view);
+    assert_true(sv_prior_align_to_depth(&prior, d, depth));
+    double off = 0;
+    int n = 0;
+    for (int i = 0; i < W * H; i++) {
+      const float z = 2.0f + 0.02f * (float)(i % W) + 0.01f * (float)(i / W);
+      if (d->map[i] < 0) continue;
+      off += fabs((double)(d->map[i] * z) - 1);
+      n++;
+    }
+    if (!is_noisy && !(off < 0.012 * n)) fail_msg("mean error %.4f, of a wave of 0.032", off / n);
+    trust[is_noisy] = d->trust;
+  }
+  assert_true(trust[0] > 4 * trust[1] && trust[1] > 0);
+}
+
+// The model as two views see it tells scale and shift of a map that the ball solved wrong. A single
+// view confirms nothing.
+TEST(test_model_tells_scale) {
+  static float truth[W * H], map[W * H];
+  const sv_bounds bounds = {.radius = 1.3f};
+  int n_solved, n = 0;
+  double before = 0, after = 0;
+  make(&trainer, &in_order, block, sizeof block);
+  const sv_view *v = &trainer.views[0].view;
+  assert_int_equal(sv_prior_render(&prior, v, 1), SV_OK);
+  for (int y = 0; y < H; y++)
+    for (int x = 0; x < W; x++) {
+      const float z = prior.expected[y * trainer.render.rgb.stride + x];
+      truth[y * W + x] = z > 0 ? 1 / z : -1.0f;
+      map[y * W + x] = z > 0 ? 1.7f / z - 0.1f : -1.0f;
+    }
+  assert_int_equal(sv_prior_submit_depth(&prior, 0, &(sv_prior_map){map, W, H, SV_PRIOR_INVERSE, 1}), SV_OK);
+  assert_int_equal(sv_prior_align_to_ball(&prior, &bounds), 1);
+  const sv_prior_depth *d = sv_prior_find_depth(&prior, 0, v);
+  const float guessed = d->trust;
+  for (int i = 0; i < W * H; i++) before += truth[i] > 0 ? fabs((double)(d->map[i] - truth[i])) : 0;
+  trainer.n_views = 1;
+  assert_int_equal(sv_prior_realign(&prior, 1, &n_solved), SV_OK);
+  assert_int_equal(n_solved, 0);
+  trainer.n_views = 2;
+  assert_int_equal(sv_prior_realign(&prior, 1, &n_solved), SV_OK);
+  assert_int_equal(n_solved, 1);
+  for (int i = 0; i < W * H; i++) {
+    after += truth[i] > 0 ? fabs((double)(d->map[i] - truth[i])) : 0;
+    n += truth[i] > 0;
+  }
+  if (!(after < 0.1 * before && after < 0.002 * n))
+    fail_msg("mean error of inverse depth %.4f, before %.4f", after / n, before / n);
+  assert_true(d->trust > 2 * guessed);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_rings),
                                      cmocka_unit_test(test_memory),
                                      cmocka_unit_test(test_views),
                                      cmocka_unit_test(test_steps),
                                      cmocka_unit_test(test_dip),
+                                     cmocka_unit_test(test_smooth_errors),
+                                     cmocka_unit_test(test_model_tells_scale),
                                      cmocka_unit_test(test_neighbours),
                                      cmocka_unit_test(test_unpool),
                                      cmocka_unit_test(test_prune),

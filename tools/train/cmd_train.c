@@ -550,8 +550,6 @@ static sv_status stages(run *r, sv_err *err) {
           r->plan.trainer.g.n, 1e-6 * (double)r->plan.bytes, r->load_s);
   s = lab_prior_begin(&r->prior, &(lab_prior_input){&r->session, r->o, &r->views, &r->plan.prior},
                       &r->start.bounds, &r->plan.scratch, err);
-  const bool is_blind = !r->is_stereo && !r->o->init && r->start.init.kind != SV_INIT_POINTS;
-  if (s == SV_OK && is_blind) s = lab_prior_place(&r->prior, &r->start, err);
   if (s != SV_OK || (s = train(r, err)) != SV_OK) return s;
   r->measured_psnr = lab_measured_psnr(&r->plan.trainer, &r->render);
   if ((s = save(r, err)) != SV_OK) return s; // whatever comes later, the model is there

@@ -10,7 +10,6 @@
 
 #include "src/base/str.h"
 #include "src/prior/align.h"
-#include "src/train/stereo.h"
 
 // Difix3D+ calls at 3, 6, 8, 10, ... of 60 thousand steps.
 #define FIRST_CALL  (3.0f / 60.0f)
@@ -284,21 +283,6 @@ sv_status lab_prior_begin(lab_prior *p, const lab_prior_input *run, const sv_bou
   if (s == SV_OK && p->command) s = begin_calls(p, err);
   if (s == SV_OK && (p->method || p->n_files + p->n_depths > 0)) s = measure(p, bounds, scratch, err);
   if (s == SV_OK && p->n_files + p->n_depths > 0) align(p, bounds);
-  return s;
-}
-
-sv_status lab_prior_place(lab_prior *p, sv_driver_start *start, sv_err *err) {
-  if (p->n_aligned < 1) return SV_OK;
-  start->cap_points = p->trainer->g.n;
-  if (!(start->points = malloc((size_t)start->cap_points * sizeof *start->points)))
-    return sv_fail(err, SV_E_NOMEM, "no memory for %d points", start->cap_points);
-  start->n_points = sv_prior_points(p->prior, start->points, start->cap_points);
-  start->init = sv_stereo_init(&start->bounds, p->trainer->cfg.seed);
-  start->is_scene_set = true;
-  lab_say(p->session, "%d points from depth priors", start->n_points);
-  sv_status s = sv_driver_place(p->trainer, start, err);
-  free(start->points);
-  start->points = NULL;
   return s;
 }
 

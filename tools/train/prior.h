@@ -52,9 +52,6 @@ typedef struct {
 } lab_prior_input;
 sv_status lab_prior_begin(lab_prior *p, const lab_prior_input *run, const sv_bounds *bounds,
                           sv_arena *scratch, sv_err *err) SV_MUST_USE;
-// Where nothing else tells of depth: the first Gaussians at the depth of the aligned maps, if there
-// are any.
-sv_status lab_prior_place(lab_prior *p, sv_driver_start *start, sv_err *err) SV_MUST_USE;
 // Before a step: calls when it is time. A call that fails is told in a line, and is the last.
 void lab_prior_tick(lab_prior *p, float progress);
 void lab_prior_report(lab_report *j, const lab_prior *p); // what came of it
