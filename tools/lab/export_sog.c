@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "src/base/str.h"
+#include "src/base/vec.h"
 #include "tools/lab/curve.h"
 #include "tools/lab/kmeans.h"
 #include "tools/lab/zip.h"
@@ -15,13 +16,23 @@
 #include <webp/encode.h>
 
 #define N_CODES      256
-#define ROUNDS       12 // of k-means
-#define MAX_PALETTE  4096
-#define PER_SET      6  // Gaussians for one set of the palette, at least
+#define ROUNDS       6 // of k-means
+#define MAX_PALETTE  8192
+#define PER_SET      2  // Gaussians for one set of the palette, at least
 #define SETS_PER_ROW 64 // of the image of the palette
 #define LEVEL        6  // effort of the lossless WebP, 0 to 9
 #define CAP_META     16384
 #define MAX_FILES    8
+
+// Steps are even, so that WebP finds what neighbors and channels have in common.
+#define SCALE_STEP    0.125
+#define COLOR_STEP    0.0625
+#define QUAT_STEP     4          // of 255
+#define POSITION_STEP 0.35       // of the smallest standard deviation, at most
+#define SH_STEP       (1 / 64.0) // the finest; coarser ones are 2^(1/4) apart
+#define N_SH_STEPS    17
+#define SH_ROUNDING   0.45 // a little towards 0, which costs the fewest bits
+#define PALETTE_BYTES 4.5  // of a Gaussian, at most
 
 typedef struct {
   const sv_pool *pool;
@@ -39,12 +50,12 @@ typedef struct {
 static uint8_t byte_of(double x) { return (uint8_t)fmin(fmax(floor(x + 0.5), 0), 255); }
 
 // Lossless, colors under transparent pixels included.
-static sv_status add_image(sog *s, const char *name, int width, int height, sv_err *err) {
+static sv_status encode(const sog *s, int width, int height, lab_zip_entry *to, sv_err *err) {
   WebPConfig config;
   WebPPicture p;
   WebPMemoryWriter out;
   if (!WebPConfigInit(&config) || !WebPConfigLosslessPreset(&config, LEVEL) || !WebPPictureInit(&p))
-    return sv_fail(err, SV_E_NOMEM, "%s: libwebp does not start", name);
+    return sv_fail(err, SV_E_NOMEM, "%s: libwebp does not start", to->name);
   config.exact = 1;
   p.use_argb = 1;
   p.width = width;
@@ -56,10 +67,18 @@ static sv_status add_image(sog *s, const char *name, int width, int height, sv_e
   WebPPictureFree(&p);
   if (!is_good) {
     WebPMemoryWriterClear(&out);
-    return sv_fail(err, SV_E_RANGE, "%s: libwebp could not encode %dx%d pixels", name, width, height);
+    return sv_fail(err, SV_E_RANGE, "%s: libwebp could not encode %dx%d pixels", to->name, width, height);
   }
-  s->file[s->n_files++] = (lab_zip_entry){name, out.mem, out.size};
+  to->data = out.mem;
+  to->bytes = out.size;
   return SV_OK;
+}
+
+static sv_status add_image(sog *s, const char *name, int width, int height, sv_err *err) {
+  lab_zip_entry image = {.name = name};
+  const sv_status r = encode(s, width, height, &image, err);
+  if (r == SV_OK) s->file[s->n_files++] = image;
+  return r;
 }
 
 static void clear(sog *s, size_t n_px) {
@@ -73,23 +92,54 @@ static void add_numbers(sv_str *t, const char *key, const float *v, int n) {
   sv_str_add(t, "]");
 }
 
+// A codebook of even steps.
+typedef struct {
+  double first, step;
+} coding;
+
+static uint8_t code_of(const coding *c, double x) { return byte_of((x - c->first) / c->step); }
+
+static void add_codebook(sv_str *t, const coding *c) {
+  float code[N_CODES];
+  for (int j = 0; j < N_CODES; j++) code[j] = (float)(c->first + j * c->step);
+  add_numbers(t, "codebook", code, N_CODES);
+}
+
+// --- Gaussians -----------------------------------------------------------------------------------
+
+// How many of the 16 bits of its position a Gaussian does not need. unit: of an axis's bit, in
+// sign(x) ln(1 + |x|).
+static int spare_bits(const sv_gaussian *g, const double unit[3]) {
+  const float *l = g->log_scale;
+  const double enough = POSITION_STEP * exp((double)fminf(l[0], fminf(l[1], l[2])));
+  double step = 0;
+  for (int k = 0; k < 3; k++) step = fmax(step, unit[k] * (1 + fabs((double)g->mean[k])));
+  int bits = 0;
+  while (bits < 8 && step * (2 << bits) <= enough) bits++;
+  return bits;
+}
+
 static sv_status add_means(sog *s, sv_str *t, sv_err *err) {
-  double lo[3], hi[3];
+  double lo[3], hi[3], unit[3];
   float as_float[2][3];
   sv_status r = SV_OK;
   lab_curve_ranges(s->v, s->n, lo, hi);
   for (int k = 0; k < 3; k++) {
     as_float[0][k] = (float)lo[k];
     as_float[1][k] = (float)hi[k];
+    unit[k] = (hi[k] - lo[k]) / 65535.0;
   }
   for (int part = 0; part < 2 && r == SV_OK; part++) {
     clear(s, (size_t)s->width * (size_t)s->height);
-    for (int i = 0; i < s->n; i++)
+    for (int i = 0; i < s->n; i++) {
+      const int bits = spare_bits(&s->v[i], unit);
       for (int k = 0; k < 3; k++) {
-        const double x = (double)lab_curve_log(s->v[i].mean[k]),
-                     u = hi[k] > lo[k] ? (x - lo[k]) / (hi[k] - lo[k]) : 0;
-        s->rgba[4 * i + k] = (uint8_t)((unsigned)(u * 65535.0 + 0.5) >> (8 * part));
+        const double x = (double)lab_curve_log(s->v[i].mean[k]), u = unit[k] > 0 ? (x - lo[k]) / unit[k] : 0;
+        const unsigned rounded = (unsigned)(u / (1 << bits) + 0.5) << bits,
+                       q = rounded < 65535 ? rounded : 65535;
+        s->rgba[4 * i + k] = (uint8_t)(q >> (8 * part));
       }
+    }
     r = add_image(s, part ? "means_u.webp" : "means_l.webp", s->width, s->height, err);
   }
   sv_str_add(t, "\"means\":{");
@@ -100,63 +150,124 @@ static sv_status add_means(sog *s, sv_str *t, sv_err *err) {
   return r;
 }
 
+// Of the 24 orders and signs of its axes that describe the same Gaussian, the one nearest to no
+// rotation: its quaternion has the fewest values.
+static void choose_axes(sv_gaussian *g) {
+  static const uint8_t order[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
+  double m[9], r[9], q[4], best = -INFINITY, sign[3] = {1, 1, 1};
+  for (int k = 0; k < 4; k++) q[k] = (double)g->quat_wxyz[k];
+  sv_quat_to_mat(m, q);
+  const uint8_t *axis = order[0];
+  for (int j = 0; j < 6; j++) {
+    int weakest = 0;
+    double trace = 0, hand = j < 3 ? 1 : -1, d[3];
+    for (int k = 0; k < 3; k++) {
+      d[k] = m[3 * k + order[j][k]];
+      trace += fabs(d[k]);
+      hand *= d[k] < 0 ? -1 : 1;
+      if (fabs(d[k]) < fabs(d[weakest])) weakest = k;
+    }
+    if (hand < 0) trace -= 2 * fabs(d[weakest]);
+    if (trace <= best) continue;
+    best = trace;
+    axis = order[j];
+    for (int k = 0; k < 3; k++) sign[k] = (d[k] < 0) == (hand < 0 && k == weakest) ? 1 : -1;
+  }
+  float log_scale[3];
+  for (int k = 0; k < 3; k++) {
+    for (int row = 0; row < 3; row++) r[3 * row + k] = sign[k] * m[3 * row + axis[k]];
+    log_scale[k] = g->log_scale[axis[k]];
+  }
+  sv_quat_from_mat(q, r);
+  memcpy(g->log_scale, log_scale, sizeof log_scale);
+  for (int k = 0; k < 4; k++) g->quat_wxyz[k] = (float)(q[0] < 0 ? -q[k] : q[k]);
+}
+
+// w is the largest component of all (choose_axes).
 static sv_status add_quats(sog *s, sv_str *t, sv_err *err) {
   clear(s, (size_t)s->width * (size_t)s->height);
   for (int i = 0; i < s->n; i++) {
-    const float *q = s->v[i].quat_wxyz;
-    const double norm = sqrt((double)(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]));
-    int largest = 0;
-    for (int k = 1; k < 4; k++)
-      if (fabsf(q[k]) > fabsf(q[largest])) largest = k;
-    const double scale = (q[largest] < 0 ? -1 : 1) * sqrt(2.0) / (norm > 0 ? norm : 1);
-    for (int k = 0, to = 0; k < 4; k++)
-      if (k != largest) s->rgba[4 * i + to++] = byte_of(((double)q[k] * scale * 0.5 + 0.5) * 255.0);
-    s->rgba[4 * i + 3] = (uint8_t)(252 + largest);
+    for (int k = 0; k < 3; k++) {
+      const double u = (double)s->v[i].quat_wxyz[1 + k] * sqrt(0.5) * 255.0;
+      s->rgba[4 * i + k] = byte_of(128 + QUAT_STEP * floor(u / QUAT_STEP + 0.5));
+    }
+    s->rgba[4 * i + 3] = 252;
   }
   sv_str_add(t, "\"quats\":{\"files\":[\"quats.webp\"]},\n");
   return add_image(s, "quats.webp", s->width, s->height, err);
 }
 
-// Three values of each Gaussian by their places in a codebook. all: [3 n] room.
-typedef struct {
-  const char *key, *file;
-  float (*value)(const sv_gaussian *g, int k);
-  bool has_opacity;
-} coded_row;
-
-static float scale_of(const sv_gaussian *g, int k) { return g->log_scale[k]; }
-static float color_of(const sv_gaussian *g, int k) { return g->sh[0][k]; }
-
-static sv_status add_coded(sog *s, const coded_row *row, float *all, sv_str *t, sv_err *err) {
-  float code[N_CODES];
+static sv_status add_scales(sog *s, sv_str *t, sv_err *err) {
+  double hi = -INFINITY;
   for (int i = 0; i < s->n; i++)
-    for (int k = 0; k < 3; k++) all[3 * i + k] = row->value(&s->v[i], k);
-  if (!lab_codebook(all, 3 * (size_t)s->n, code, N_CODES, ROUNDS))
-    return sv_fail(err, SV_E_NOMEM, "%s: no memory", row->file);
+    for (int k = 0; k < 3; k++) hi = fmax(hi, (double)s->v[i].log_scale[k]);
+  const coding c = {(ceil(hi / SCALE_STEP) - (N_CODES - 1)) * SCALE_STEP, SCALE_STEP};
+  clear(s, (size_t)s->width * (size_t)s->height);
+  for (int i = 0; i < s->n; i++)
+    for (int k = 0; k < 3; k++) s->rgba[4 * i + k] = code_of(&c, (double)s->v[i].log_scale[k]);
+  sv_str_add(t, "\"scales\":{");
+  add_codebook(t, &c);
+  sv_str_add(t, ",\"files\":[\"scales.webp\"]},\n");
+  return add_image(s, "scales.webp", s->width, s->height, err);
+}
+
+static sv_status add_colors(sog *s, sv_str *t, sv_err *err) {
+  const coding c = {-N_CODES / 2 * COLOR_STEP, COLOR_STEP};
   clear(s, (size_t)s->width * (size_t)s->height);
   for (int i = 0; i < s->n; i++) {
-    for (int k = 0; k < 3; k++)
-      s->rgba[4 * i + k] = (uint8_t)lab_nearest_code(code, N_CODES, row->value(&s->v[i], k));
-    if (row->has_opacity) s->rgba[4 * i + 3] = byte_of(255.0 / (1.0 + exp(-(double)s->v[i].opacity_logit)));
+    for (int k = 0; k < 3; k++) s->rgba[4 * i + k] = code_of(&c, (double)s->v[i].sh[0][k]);
+    s->rgba[4 * i + 3] = byte_of(255.0 / (1.0 + exp(-(double)s->v[i].opacity_logit)));
   }
-  sv_str_add(t, "\"%s\":{", row->key);
-  add_numbers(t, "codebook", code, N_CODES);
-  sv_str_add(t, ",\"files\":[\"%s\"]}%s\n", row->file, row->has_opacity && !s->n_rest ? "" : ",");
-  return add_image(s, row->file, s->width, s->height, err);
+  sv_str_add(t, "\"sh0\":{");
+  add_codebook(t, &c);
+  sv_str_add(t, ",\"files\":[\"sh0.webp\"]}%s\n", s->n_rest ? "," : "");
+  return add_image(s, "sh0.webp", s->width, s->height, err);
 }
 
 // --- SH ------------------------------------------------------------------------------------------
 
+// The sets of SH coefficients that Gaussians share.
+typedef struct {
+  float *set; // [n][3 n_rest]
+  int n, width, rows;
+  coding c;
+} palette;
+
 // Pixels of the palette: set j, coefficient c at column (j % 64) C + c, row j / 64.
-static void put_palette(sog *s, const float *set, int n_sets, const float *code) {
-  const int width = SETS_PER_ROW * s->n_rest, dims = 3 * s->n_rest;
-  for (int j = 0; j < n_sets; j++)
+static void put_palette(sog *s, const palette *p) {
+  const int dims = 3 * s->n_rest;
+  clear(s, (size_t)p->rows * (size_t)p->width);
+  for (int j = 0; j < p->n; j++)
     for (int c = 0; c < s->n_rest; c++) {
-      uint8_t *px = s->rgba + 4 * ((size_t)(j / SETS_PER_ROW) * (size_t)width +
+      uint8_t *px = s->rgba + 4 * ((size_t)(j / SETS_PER_ROW) * (size_t)p->width +
                                    (size_t)(j % SETS_PER_ROW * s->n_rest + c));
-      for (int k = 0; k < 3; k++)
-        px[k] = (uint8_t)lab_nearest_code(code, N_CODES, set[(size_t)j * (size_t)dims + (size_t)(3 * c + k)]);
+      for (int k = 0; k < 3; k++) {
+        const double x = (double)p->set[(size_t)j * (size_t)dims + (size_t)(3 * c + k)],
+                     size = floor(fabs(x) / p->c.step + SH_ROUNDING);
+        px[k] = byte_of(N_CODES / 2 + copysign(size, x));
+      }
     }
+}
+
+// The finest step with which the image of the palette has at most PALETTE_BYTES for each Gaussian.
+static sv_status add_palette(sog *s, palette *p, sv_err *err) {
+  lab_zip_entry image = {.name = "shN_centroids.webp"};
+  sv_status r = SV_OK;
+  for (int lo = 0, hi = N_SH_STEPS - 1, i = 0; r == SV_OK;) {
+    WebPFree((void *)(uintptr_t)image.data);
+    image.data = NULL;
+    p->c.step = SH_STEP * pow(2, i / 4.0);
+    p->c.first = -N_CODES / 2 * p->c.step;
+    put_palette(s, p);
+    r = encode(s, p->width, p->rows, &image, err);
+    if (r != SV_OK || lo == hi) break;
+    if ((double)image.bytes <= PALETTE_BYTES * s->n) hi = i;
+    else lo = i + 1;
+    if (hi == i && lo == hi) break;
+    i = (lo + hi) / 2;
+  }
+  if (r == SV_OK) s->file[s->n_files++] = image;
+  return r;
 }
 
 // About how much of a picture it colors: opacity by area.
@@ -165,28 +276,26 @@ static float visibility(const sv_gaussian *g) {
   return expf(l[0] + l[1] + l[2] - least) / (1.0f + expf(-g->opacity_logit)) + 1e-12f;
 }
 
-static sv_status add_sh(sog *s, float *all, sv_str *t, sv_err *err) {
+static sv_status add_sh(sog *s, sv_str *t, sv_err *err) {
   const int dims = 3 * s->n_rest, degree = s->n_rest == 3 ? 1 : s->n_rest == 8 ? 2 : 3;
+  const size_t n = (size_t)s->n;
   int n_sets = s->n / PER_SET;
   n_sets = n_sets < SETS_PER_ROW ? SETS_PER_ROW : n_sets > MAX_PALETTE ? MAX_PALETTE : n_sets;
   if (n_sets > s->n) n_sets = s->n;
-  const int rows = (n_sets + SETS_PER_ROW - 1) / SETS_PER_ROW, width = SETS_PER_ROW * s->n_rest;
-  float code[N_CODES], *set = malloc((size_t)n_sets * (size_t)dims * sizeof *set);
-  int *label = malloc((size_t)s->n * sizeof *label);
-  float *weight = malloc((size_t)s->n * sizeof *weight);
-  for (int i = 0; i < s->n; i++)
-    memcpy(all + (size_t)i * (size_t)dims, s->v[i].sh[1], (size_t)dims * sizeof *all);
-  for (int i = 0; weight && i < s->n; i++) weight[i] = visibility(&s->v[i]);
-  const lab_points points = {all, weight, s->n, dims, s->pool};
+  palette p = {.n = n_sets,
+               .width = SETS_PER_ROW * s->n_rest,
+               .rows = (n_sets + SETS_PER_ROW - 1) / SETS_PER_ROW,
+               .set = malloc((size_t)n_sets * (size_t)dims * sizeof *p.set)};
+  int *label = malloc(n * sizeof *label);
+  float *weight = malloc(n * sizeof *weight), *all = malloc(n * (size_t)dims * sizeof *all);
   sv_status r = SV_OK;
-  if (!set || !label || !weight || !lab_palette(&points, set, n_sets, label, ROUNDS) ||
-      !lab_codebook(set, (size_t)n_sets * (size_t)dims, code, N_CODES, ROUNDS))
+  for (size_t i = 0; all && i < n; i++)
+    memcpy(all + i * (size_t)dims, s->v[i].sh[1], (size_t)dims * sizeof *all);
+  for (size_t i = 0; weight && i < n; i++) weight[i] = visibility(&s->v[i]);
+  const lab_points points = {all, weight, s->n, dims, s->pool};
+  if (!p.set || !label || !weight || !all || !lab_palette(&points, p.set, n_sets, label, ROUNDS))
     r = sv_fail(err, SV_E_NOMEM, "no memory for the SH of %d Gaussians", s->n);
-  if (r == SV_OK) {
-    clear(s, (size_t)rows * (size_t)width);
-    put_palette(s, set, n_sets, code);
-    r = add_image(s, "shN_centroids.webp", width, rows, err);
-  }
+  if (r == SV_OK) r = add_palette(s, &p, err);
   if (r == SV_OK) {
     clear(s, (size_t)s->width * (size_t)s->height);
     for (int i = 0; i < s->n; i++) {
@@ -194,31 +303,30 @@ static sv_status add_sh(sog *s, float *all, sv_str *t, sv_err *err) {
       s->rgba[4 * i + 1] = (uint8_t)(label[i] >> 8);
     }
     sv_str_add(t, "\"shN\":{\"count\":%d,\"bands\":%d,", n_sets, degree);
-    add_numbers(t, "codebook", code, N_CODES);
+    add_codebook(t, &p.c);
     sv_str_add(t, ",\"files\":[\"shN_centroids.webp\",\"shN_labels.webp\"]}\n");
     r = add_image(s, "shN_labels.webp", s->width, s->height, err);
   }
-  free(set);
+  free(p.set);
   free(label);
   free(weight);
+  free(all);
   return r;
 }
 
 // --- the file ------------------------------------------------------------------------------------
 
-static sv_status make(sog *s, const sv_model_notes *notes, float *all, sv_err *err) {
-  static const coded_row scales = {"scales", "scales.webp", scale_of, false},
-                         colors = {"sh0", "sh0.webp", color_of, true};
+static sv_status make(sog *s, const sv_model_notes *notes, sv_err *err) {
   sv_str t = sv_str_make(s->meta, sizeof s->meta);
   sv_str_add(&t, "{\"version\":2,\"asset\":{\"generator\":\"subview %s\"", LAB_VERSION);
   if (notes->unit.is_metric) sv_str_add(&t, ",\"unit\":\"m\"");
   if (notes->unit.scale_sigma > 0) sv_str_add(&t, ",\"scale_sigma\":%.3g", (double)notes->unit.scale_sigma);
   sv_str_add(&t, "},\"count\":%d,\"antialias\":%s,\n", s->n, notes->is_mip ? "true" : "false");
   sv_status r = add_means(s, &t, err);
-  if (r == SV_OK) r = add_coded(s, &scales, all, &t, err);
+  if (r == SV_OK) r = add_scales(s, &t, err);
   if (r == SV_OK) r = add_quats(s, &t, err);
-  if (r == SV_OK) r = add_coded(s, &colors, all, &t, err);
-  if (r == SV_OK && s->n_rest) r = add_sh(s, all, &t, err);
+  if (r == SV_OK) r = add_colors(s, &t, err);
+  if (r == SV_OK && s->n_rest) r = add_sh(s, &t, err);
   sv_str_add(&t, "}\n");
   if (r == SV_OK && t.is_cut) r = sv_fail(err, SV_E_RANGE, "meta.json does not fit into %d bytes", CAP_META);
   return r;
@@ -255,13 +363,12 @@ sv_status lab_write_sog(const sv_gaussians *g, const sv_model_notes *notes, cons
                n_palette = (size_t)(MAX_PALETTE * (s->n_rest + 1));
   s->v = lab_curve_order(g);
   s->rgba = malloc(4 * (n_px > n_palette ? n_px : n_palette));
-  float *all = malloc((size_t)s->n * (size_t)(s->n_rest ? 3 * s->n_rest : 3) * sizeof *all);
   sv_status r =
-      s->v && s->rgba && all ? SV_OK : sv_fail(err, SV_E_NOMEM, "%s: no memory for %d Gaussians", path, s->n);
-  if (r == SV_OK) r = make(s, notes, all, err);
+      s->v && s->rgba ? SV_OK : sv_fail(err, SV_E_NOMEM, "%s: no memory for %d Gaussians", path, s->n);
+  for (int i = 0; r == SV_OK && i < s->n; i++) choose_axes(&s->v[i]);
+  if (r == SV_OK) r = make(s, notes, err);
   if (r == SV_OK) r = write(s, path, err);
   for (int i = 0; i < s->n_files; i++) WebPFree((void *)(uintptr_t)s->file[i].data);
-  free(all);
   free(s->rgba);
   free(s->v);
   free(s);

@@ -3,11 +3,14 @@
 // meta.json and lossless WebP images, in one .sog (a ZIP without compression) or beside meta.json.
 //
 // Quantization, and with it the largest error:
-//   position   sign(x) ln(1 + |x|) in 16 bits of its range, by axis
-//   log-scale, color   256 values chosen by k-means for all axes, for all channels
-//   rotation   the three smallest components in 8 bits each: 0.006 rad
+//   position   sign(x) ln(1 + |x|) in 16 bits of its range, by axis; steps of up to 0.35 of the
+//              Gaussian's smallest standard deviation, by powers of two
+//   log-scale  1/16
+//   color      1/32 of the DC coefficient, -8 to 7.9
+//   rotation   x, y, z in 6 bits each: 0.02 rad
 //   opacity    sigmoid in 8 bits
-//   SH         a palette of up to 4096 sets of coefficients, these in 256 values, by k-means
+//   SH         a palette of up to 8192 sets of coefficients, by k-means, in even steps: the finest
+//              with which the palette's image has 4.5 bytes a Gaussian
 #ifndef SV_TOOLS_LAB_EXPORT_SOG_H
 #define SV_TOOLS_LAB_EXPORT_SOG_H
 

@@ -8,49 +8,6 @@
 #define LANES    8
 #define PER_TASK 256 // points
 
-static int by_value(const void *a, const void *b) {
-  const float x = *(const float *)a, y = *(const float *)b;
-  return (x > y) - (x < y);
-}
-
-int lab_nearest_code(const float *code, int n_codes, float x) {
-  int lo = 0, hi = n_codes - 1; // the last code not above x
-  while (lo < hi) {
-    const int mid = (lo + hi + 1) / 2;
-    if (code[mid] <= x) lo = mid;
-    else hi = mid - 1;
-  }
-  return lo + 1 < n_codes && code[lo + 1] - x < x - code[lo] ? lo + 1 : lo;
-}
-
-// From quantiles, where many are, and evenly, for outliers. Sorted numbers fall into ranges
-// between the middles of codes.
-bool lab_codebook(const float *v, size_t n, float *code, int n_codes, int n_rounds) {
-  float *sorted = malloc(n * sizeof *sorted);
-  if (!sorted) return false;
-  memcpy(sorted, v, n * sizeof *sorted);
-  qsort(sorted, n, sizeof *sorted, by_value);
-  const double lo = (double)sorted[0], hi = (double)sorted[n - 1];
-  for (int j = 0; j < n_codes; j++) {
-    const double u = (double)j / (n_codes - 1); // both ends are kept
-    code[j] = j % 2 ? (float)(lo + u * (hi - lo)) : sorted[(size_t)(u * (double)(n - 1))];
-  }
-  code[n_codes - 1] = sorted[n - 1];
-  qsort(code, (size_t)n_codes, sizeof *code, by_value);
-  for (int round = 0; round < n_rounds; round++) {
-    size_t at = 0;
-    for (int j = 0; j < n_codes; j++) {
-      const float end = j + 1 < n_codes ? 0.5f * (code[j] + code[j + 1]) : INFINITY;
-      double sum = 0;
-      size_t count = 0;
-      for (; at < n && sorted[at] <= end; at++, count++) sum += (double)sorted[at];
-      if (count && j > 0 && j + 1 < n_codes) code[j] = (float)(sum / (double)count);
-    }
-  }
-  free(sorted);
-  return true;
-}
-
 // Sets side by side, so that one instruction takes several.
 typedef struct {
   const lab_points *p;
@@ -88,6 +45,24 @@ static void label_all(const lab_points *p, const float *set, int n_sets, int *la
   sv_pool_run(p->pool, label_task, &l, (p->n + PER_TASK - 1) / PER_TASK);
 }
 
+// Points evenly spread over the sum of the square roots of weight times length^2: those that count.
+static void seed(const lab_points *p, float *set, int n_sets) {
+  const size_t dims = (size_t)p->dims;
+  double total = 0, sum = 0;
+  for (int pass = 0, j = 0; pass < 2; pass++)
+    for (int i = 0; i < p->n && j < n_sets; i++) {
+      const float *v = p->v + (size_t)i * dims;
+      double length2 = 0;
+      for (size_t k = 0; k < dims; k++) length2 += (double)(v[k] * v[k]);
+      const double size = sqrt((double)p->weight[i] * length2);
+      if (pass == 0) total += size;
+      else sum += size;
+      // Each point at most once; the last ones are taken when no more are left than sets.
+      if (pass == 1 && (sum >= (j + 0.5) / n_sets * total || p->n - i <= n_sets - j))
+        memcpy(set + (size_t)j++ * dims, v, dims * sizeof *set);
+    }
+}
+
 bool lab_palette(const lab_points *p, float *set, int n_sets, int *label, int n_rounds) {
   const size_t dims = (size_t)p->dims;
   double *sum = malloc((size_t)n_sets * dims * sizeof *sum);
@@ -100,8 +75,7 @@ bool lab_palette(const lab_points *p, float *set, int n_sets, int *label, int n_
     return false;
   }
   memset(label, 0, (size_t)p->n * sizeof *label);
-  for (int j = 0; j < n_sets; j++) // spread over the points
-    memcpy(set + (size_t)j * dims, p->v + (size_t)((double)j * p->n / n_sets) * dims, dims * sizeof *set);
+  seed(p, set, n_sets);
   for (int round = 0; round < n_rounds; round++) {
     label_all(p, set, n_sets, label, by_lanes);
     memset(sum, 0, (size_t)n_sets * dims * sizeof *sum);

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// k-means (Lloyd's rounds) for exports: a codebook of numbers, a palette of vectors. The same
-// result each time.
+// k-means (Lloyd's rounds) for exports: a palette of vectors. The same result each time.
 #ifndef SV_TOOLS_LAB_KMEANS_H
 #define SV_TOOLS_LAB_KMEANS_H
 
@@ -8,11 +7,6 @@
 #include <stddef.h>
 
 #include "src/port/port.h"
-
-// code [n_codes], rising, for the numbers v [n]. False: no memory.
-bool lab_codebook(const float *v, size_t n, float *code, int n_codes, int n_rounds);
-// The place of the code nearest to x; code rises.
-int lab_nearest_code(const float *code, int n_codes, float x);
 
 typedef struct {
   const float *v;      // [n][dims]
