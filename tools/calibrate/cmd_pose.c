@@ -17,6 +17,7 @@
 #include "tools/common/fileio.h"
 
 #define BLOCK_BYTES ((size_t)6 << 30) // of address space; pages come when they are used
+#define POOL_BYTES  ((size_t)1 << 30) // captures beyond keep one exposure, and do not look back
 #define SKEW_NS     (20 * SV_NS_PER_MS)
 #define LINE_BYTES  256
 
@@ -28,7 +29,7 @@ static struct {
   sv_rig rig;
   sv_camera_caps *caps;
   sv_capture_queue queue;
-  sv_exposures pool; // of one exposure
+  sv_exposures pool; // of all exposures, or of one
   sv_odometry odometry;
   sv_tracker *tracker;
   sv_kernels k;
@@ -91,14 +92,26 @@ static sv_status open_rig(const cal_options *o, sv_err *err) {
                        "%s: the lens images of a multiplexed rig overlap and cannot be tracked", o->rig);
 }
 
+static bool has_room_for_all(void) {
+  size_t bytes = 0;
+  for (int i = 0; i < p.rig.n_sub_views; i++) {
+    const sv_camera_model *m = &p.rig.sub_views[i].model;
+    bytes += 3 * (size_t)m->width_px * (size_t)m->height_px;
+  }
+  return (size_t)p.n <= POOL_BYTES / bytes;
+}
+
 static sv_status open_tracker(sv_err *err) {
   sv_capture_queue_cfg ic = {.n_cameras = p.source.n_cameras,
                              .caps = p.caps,
                              .skew_limit_ns = SKEW_NS,
                              .queue_len = 4,
                              .cap_ready = 4};
-  sv_exposures_cfg ec = {
-      .rig = &p.rig, .cap_exposures = 1, .caps = p.caps, .n_cameras = p.source.n_cameras, .n_threads = 1};
+  sv_exposures_cfg ec = {.rig = &p.rig,
+                         .cap_exposures = has_room_for_all() ? p.n : 1,
+                         .caps = p.caps,
+                         .n_cameras = p.source.n_cameras,
+                         .n_threads = 1};
   sv_status s = sv_capture_queue_init(&p.queue, &ic, &p.source, &p.clock, &p.arena);
   if (s < 0) return sv_fail(err, s, "no synchronization for %d cameras", p.source.n_cameras);
   if ((s = sv_exposures_init(&p.pool, &ec, &p.arena, err)) < 0) return s;
@@ -125,12 +138,12 @@ static sv_status take(const cal_options *o, int *n, sv_err *err) {
   sv_status s = stopped(err);
   if (s == SV_OK) s = sv_capture_queue_take(&p.queue, &slot);
   if (s != SV_OK) return s;
-  p.pool.i_next = 0;
+  if (p.pool.cfg.cap_exposures == 1) p.pool.i_next = 0;
   s = sv_exposures_add(&p.pool, &slot->exposure, slot->frames, &p.k, &p.threads, err);
   p.time_ns[*n] = slot->exposure.time_ns;
   sv_capture_queue_give_back(&p.queue, slot, true);
   if (s < 0) return s == SV_E_FORMAT || s == SV_E_CORRUPT ? SV_DROPPED : s;
-  s = sv_odometry_add(&p.odometry, &p.pool, 0);
+  s = sv_odometry_add(&p.odometry, &p.pool, p.pool.n - 1);
   if (s < 0) return sv_fail(err, s, "exposure %d: %s", *n, sv_status_text(s));
   if (!o->is_quiet && (++*n % 10 == 0 || *n == p.n)) fprintf(stderr, "pose  %d/%d exposures\n", *n, p.n);
   else if (o->is_quiet) ++*n;
@@ -222,11 +235,12 @@ static sv_status write_cloud(const cal_options *o, const sv_track_summary *m, sv
 
 static void tell(const cal_options *o, const sv_track_summary *m) {
   if (o->is_json) {
-    printf("{\"exposures\": %d, \"placed\": %d, \"points\": %d, \"is_still\": %s, \"still_px\": %.3f, "
+    printf("{\"exposures\": %d, \"placed\": %d, \"points\": %d, \"seen_again\": %d, \"is_still\": %s, "
+           "\"still_px\": %.3f, "
            "\"path_m\": %.5f, "
            "\"rms_px\": %.4f, \"scale_sigma\": %.6f, \"has_opengv\": %s}\n",
-           m->n_exposures, m->n_placed, m->n_points, m->is_still ? "true" : "false", m->still_px, m->path_m,
-           m->rms_px, m->scale_sigma, sv_rig_pose_has_opengv() ? "true" : "false");
+           m->n_exposures, m->n_placed, m->n_points, m->n_seen_again, m->is_still ? "true" : "false",
+           m->still_px, m->path_m, m->rms_px, m->scale_sigma, sv_rig_pose_has_opengv() ? "true" : "false");
     return;
   }
   if (m->is_still)
@@ -236,8 +250,10 @@ static void tell(const cal_options *o, const sv_track_summary *m) {
   else {
     char scale[32] = "unknown";
     if (m->scale_sigma >= 0) sv_fmt(scale, sizeof scale, "+- %.2f %%", 100 * m->scale_sigma);
-    printf("located %d of %d exposures over a %.3f m path, %d points, reprojection RMS %.2f px, scale %s\n",
-           m->n_placed, m->n_exposures, m->path_m, m->n_points, m->rms_px, scale);
+    printf("located %d of %d exposures over a %.3f m path, %d points (%d times seen again), reprojection RMS "
+           "%.2f px, "
+           "scale %s\n",
+           m->n_placed, m->n_exposures, m->path_m, m->n_points, m->n_seen_again, m->rms_px, scale);
   }
   if (!m->is_still && (m->scale_sigma < 0 || m->scale_sigma > 0.02))
     printf("warning: the rig's baseline is too small to determine the scale of this scene well\n");
@@ -260,7 +276,10 @@ static int run(const cal_options *o) {
   if (s >= 0) s = open_tracker(&err);
   if (s >= 0) s = track(o, &n, &err);
   if (s < 0) return fail(&err);
-  sv_tracker_finish(p.tracker, NULL, &m);
+  if (p.pool.cfg.cap_exposures > 1) {
+    sv_odometry_finish(&p.odometry, &p.pool);
+    m = p.odometry.summary;
+  } else sv_tracker_finish(p.tracker, NULL, &m);
   if (stopped(&err) < 0) return fail(&err);
   if (!m.is_still && m.n_placed < 2) {
     s = sv_fail(&err, SV_E_NOT_FOUND,
