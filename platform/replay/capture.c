@@ -201,6 +201,9 @@ static sv_status read_camera(const json_t *j, int t, sv_capture_camera *c, sv_ca
   v = find(j, t, "folder");
   if (v < 0 || !get_text(j, v, &c->folder) || !is_below(c->folder))
     return bad(j, t, "folder", "a plain path below the capture's folder");
+  v = find(j, t, "depth");
+  if (v >= 0 && (!get_text(j, v, &c->depth) || !is_below(c->depth)))
+    return bad(j, v, "depth", "a plain path below the capture's folder");
   int64_t w = 0, h = 0;
   sv_status s = get_int(j, t, &(int_key){"width", 1, MAX_SIDE_PX, 0, "1 to 32768 px"}, &w);
   if (s == SV_OK) s = get_int(j, t, &(int_key){"height", 1, MAX_SIDE_PX, 0, "1 to 32768 px"}, &h);

@@ -19,6 +19,8 @@
 //        "bits": 8 | 16,                  default 8; 16: PNG files, played back as RGB16
 //        "clock": "camera" | "monotonic" | "boottime" | "realtime",     default "monotonic"
 //        "stamp": "start" | "middle" | "end",                           default "start"
+//        "depth": "left_depth",           optional: folder of depth along the axis in meters, 0
+//                                             where it is not known: 000000.pfm of 000000.jpg
 //        "light": "free" | "told" | "locked" | "shared",                default "free"
 //        "frames": [
 //          {"file": "000000.jpg", "sequence": 0, "camera_ns": 100, "arrival_ns": 200,
@@ -57,6 +59,7 @@ typedef struct {
 typedef struct {
   sv_camera_caps caps; // name, size, fps, clock, stamp; format RGB8 or RGB16
   const char *folder;
+  const char *depth;        // folder of depth images; NULL: none
   sv_capture_frame *frames; // [n_frames]
   int n_frames;
 } sv_capture_camera;

@@ -69,6 +69,14 @@ static sv_status add(lab_import *im, const char *dir, const source *src, const c
     v->crop = sub->footprint;
   snprintf(v->name, sizeof v->name, "%.31s/%06d%s", sub->name, t->i_exposure,
            v->crop.width_px ? ".png" : sv_path_extension(file));
+  if (c->depth && !v->crop.width_px) {
+    char depth[SV_CAP_PATH];
+    snprintf(depth, sizeof depth, "%.480s/%.*s.pfm", c->depth,
+             (int)(strlen(file) - strlen(sv_path_extension(file))), file);
+    sv_status found = sv_path_join(v->prior_source, sizeof v->prior_source, dir, depth, err);
+    if (found != SV_OK) return found;
+    if (!sv_path_exists(v->prior_source)) *v->prior_source = 0; // of a frame without depth
+  }
   const char *mask = src->names.mask[t->i_sub_view];
   snprintf(v->mask_name, sizeof v->mask_name, "%.31s%.15s", sub->name, sv_path_extension(mask));
   sv_status s = *mask ? sv_path_join(v->mask_source, sizeof v->mask_source, src->rig_dir, mask, err) : SV_OK;

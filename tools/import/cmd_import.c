@@ -5,6 +5,7 @@
 
 #include "src/base/str.h"
 #include "src/format/ply.h"
+#include "tools/import/depth_camera.h"
 #include "tools/import/recording.h"
 #include "tools/import/import.h"
 #include "tools/import/network.h"
@@ -98,6 +99,8 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
     return s;
   }
   if (sv_str_eq(o->from, "multicam")) return lab_import_multicam(o, se, err);
+  if (sv_str_eq(o->from, "realsense")) return lab_import_realsense(o, se, err);
+  if (sv_str_eq(o->from, "oak")) return lab_import_oak(o, se, err);
   if (sv_str_eq(o->from, "lightfield-release")) return lab_import_release(o, se, err);
   lab_import im = {0};
   sv_status s = sv_str_eq(o->from, "vggt")      ? lab_import_vggt(&im, o, err)
@@ -124,11 +127,15 @@ int lab_cmd_import(const lab_options *o) {
   int code = LAB_EXIT_OK;
   bool has_stream = sv_str_eq(o->from, "colmap") || sv_str_eq(o->from, "nerfstudio") ||
                     sv_str_eq(o->from, "blender") || is_network(o);
-  const bool is_multicam = sv_str_eq(o->from, "multicam");
-  if ((o->clock || o->every_s > 0) && !is_multicam && (o->clock || !sv_str_eq(o->from, "spatial")))
-    return lab_usage("import", "--clock needs --from multicam, --every multicam or spatial");
-  if (is_multicam ? o->stream || o->unit_m > 0 : !o->rig != !o->stream || (o->unit_m > 0 && !o->rig))
-    return lab_usage("import", "--rig and --stream must be given together; --unit needs both");
+  const bool is_multicam = sv_str_eq(o->from, "multicam"), is_real = sv_str_eq(o->from, "realsense");
+  const bool is_recording =
+      is_multicam || is_real || sv_str_eq(o->from, "spatial") || sv_str_eq(o->from, "oak");
+  if ((o->clock && !is_multicam) || (o->every_s > 0 && !is_recording))
+    return lab_usage("import", "--clock needs --from multicam, --every multicam, spatial, realsense or oak");
+  if (is_multicam ? o->stream != NULL : !o->rig != !o->stream)
+    return lab_usage("import", "--rig and --stream must be given together");
+  if (o->unit_m > 0 && !o->stream && !is_real)
+    return lab_usage("import", "--unit needs --rig and --stream, or --from realsense");
   if (o->rig && !has_stream && !is_multicam)
     return lab_usage("import",
                      "--rig and --stream need --from colmap, nerfstudio, blender, vggt, megasam or dust3r");

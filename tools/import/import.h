@@ -11,8 +11,10 @@
 typedef struct {
   char source[SV_CAP_PATH], depth_source[SV_CAP_PATH]; // depth: empty when there is none
   char mask_source[SV_CAP_PATH];                       // empty when there is none
-  char name[SV_TRANSFORMS_CAP_PATH];                   // in images/, with extension
-  char mask_name[SV_TRANSFORMS_CAP_PATH];              // in masks/, the same; views may share it
+  // measured depth, a PFM in units of the poses; empty when there is none
+  char prior_source[SV_CAP_PATH];
+  char name[SV_TRANSFORMS_CAP_PATH];      // in images/, with extension
+  char mask_name[SV_TRANSFORMS_CAP_PATH]; // in masks/, the same; views may share it
   sv_camera_model model;
   sv_pose cam_from_world;
   sv_footprint crop; // all zero: the whole image

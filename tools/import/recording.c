@@ -155,7 +155,7 @@ static int put_rig(const char *out, const char *name, const sv_import_camera *ca
 static void put_camera(FILE *f, const sv_import_camera *c, const pictures_t *p, double fps, const char *end) {
   fprintf(f, "{\"name\":\"%s\",\"folder\":\"%s\",\"width\":%d,\"height\":%d,\"fps\":%.9g,", c->name, c->name,
           p->width_px, p->height_px, fps);
-  if (*c->depth) fprintf(f, "\"depth\":\"%s\",\"depth_unit_m\":%.9g,", c->depth, c->depth_unit_m);
+  if (*c->depth) fprintf(f, "\"depth\":\"%s\",", c->depth);
   fprintf(f, "\"clock\":\"monotonic\",\"stamp\":\"start\",\"frames\":[\n");
   for (int i = 0; i < p->n; i++)
     fprintf(f,

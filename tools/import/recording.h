@@ -44,9 +44,7 @@ typedef struct {
   int n_times;
   sv_ns *times_ns; // [n_times] in order; made with malloc, freed by sv_import_write
   bool is_made;    // its images were written to OUT/<name>/ already
-  // Its depth images, OUT/<depth>/ with the names of its images; empty: it has none.
-  char depth[64];
-  double depth_unit_m;
+  char depth[64];  // OUT/<depth>/000000.pfm and on: its depth in meters; empty: it has none
 } sv_import_camera;
 
 // Writes the capture: images are SRC/<name>/*.jpg in order of their names, as many as there are

@@ -73,15 +73,26 @@ static sv_status copy_crop(const char *from, const sv_footprint *c, const char *
   return s;
 }
 
-static void depth_name(const lab_import_view *v, char *out, size_t cap) {
+// The name of a view's depth, or of its depth prior.
+static void name_beside(const lab_import_view *v, const char *what, const char *source, char *out,
+                        size_t cap) {
   snprintf(out, cap, "%.190s", v->name);
   out[strlen(out) - strlen(sv_path_extension(out))] = 0;
   size_t n = strlen(out);
-  snprintf(out + n, cap - n, "_depth%s", sv_path_extension(v->depth_source));
+  snprintf(out + n, cap - n, "_%s%s", what, sv_path_extension(source));
+}
+
+static sv_status copy_beside(const lab_import_view *v, const char *what, const char *source,
+                             const char *folder, sv_err *err) {
+  char to[SV_CAP_PATH], name[SV_TRANSFORMS_CAP_PATH + 16];
+  if (!*source) return SV_OK;
+  name_beside(v, what, source, name, sizeof name);
+  sv_status s = sv_path_join(to, sizeof to, folder, name, err);
+  return s == SV_OK ? copy_whole(source, to, err) : s;
 }
 
 static sv_status copy_view(const lab_import_view *v, const char *folder, sv_err *err) {
-  char to[SV_CAP_PATH], up[SV_CAP_PATH], name[SV_TRANSFORMS_CAP_PATH + 16];
+  char to[SV_CAP_PATH], up[SV_CAP_PATH];
   sv_status s = sv_path_join(to, sizeof to, folder, v->name, err);
   if (s != SV_OK) return s;
   // made in place
@@ -89,10 +100,8 @@ static sv_status copy_view(const lab_import_view *v, const char *folder, sv_err 
   sv_path_folder(up, sizeof up, to);
   if ((s = sv_path_make_folder(up, err)) != SV_OK) return s;
   s = v->crop.width_px ? copy_crop(v->source, &v->crop, to, err) : copy_whole(v->source, to, err);
-  if (s != SV_OK || !*v->depth_source) return s;
-  depth_name(v, name, sizeof name);
-  s = sv_path_join(to, sizeof to, folder, name, err);
-  return s == SV_OK ? copy_whole(v->depth_source, to, err) : s;
+  if (s == SV_OK) s = copy_beside(v, "depth", v->depth_source, folder, err);
+  return s == SV_OK ? copy_beside(v, "prior", v->prior_source, folder, err) : s;
 }
 
 static sv_status copy_mask(const lab_import_view *v, const char *folder, sv_err *err) {
@@ -235,11 +244,17 @@ static void put_view(FILE *f, const lab_import_view *v) {
     fprintf(f, ", \"mask_path\": \"masks/%s\"", text);
   }
   if (*v->depth_source) {
-    depth_name(v, name, sizeof name);
+    name_beside(v, "depth", v->depth_source, name, sizeof name);
     s = sv_str_make(text, sizeof text);
     sv_str_add_json(&s, name);
     fprintf(f, ", \"%s\": \"images/%s\"", v->depth_kind == SV_DEPTH_RAY ? "ray_distance_path" : "depth_path",
             text);
+  }
+  if (*v->prior_source) {
+    name_beside(v, "prior", v->prior_source, name, sizeof name);
+    s = sv_str_make(text, sizeof text);
+    sv_str_add_json(&s, name);
+    fprintf(f, ", \"depth_prior\": \"images/%s\"", text);
   }
   put_pose(f, &v->cam_from_world);
   fprintf(f, "}");

@@ -203,12 +203,13 @@ static const sv_option table[] = {
     {"spz-version", SV_OPT_INT, LAB_EXPORT, 0, AT(spz_version), "N",
      "spz: 4 (zstd, newest), 3 or 2 (gzip, older viewers) (4)", 2, 4, 0},
     {"from", SV_OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from),
-     "colmap|nerfstudio|blender|vggt|megasam|dust3r|capture|multicam|spatial|lenslet|lytro|lightfield-"
+     "colmap|nerfstudio|blender|vggt|megasam|dust3r|capture|multicam|spatial|realsense|oak|lenslet|lytro|"
+     "lightfield-"
      "release|"
      "4cam-board|qca|kalibr|sim",
      "kind of the input (kalibr, dust3r, spatial: a file; vggt, megasam: a folder or .npz)", 0, 0, 0},
     {"every", SV_OPT_REAL, LAB_IMPORT, 0, AT(every_s), "SEC",
-     "multicam, spatial: keep one exposure in so many seconds (all)", 0.001, 1e6, 0},
+     "multicam, spatial, realsense, oak: keep one exposure in so many seconds (all)", 0.001, 1e6, 0},
     {"clock", SV_OPT_WORD, LAB_IMPORT, 0, AT(clock), "auto|sound|flash|container",
      "multicam: what tells the clips' common time: sound, changes of the light, creation times; auto: the "
      "first "
@@ -236,7 +237,10 @@ static const sv_option table[] = {
     {"stream", SV_OPT_TEXT, LAB_IMPORT, 0, AT(stream), "NAME", "with --rig: the sub-view that has the poses",
      0, 0, 0},
     {"unit", SV_OPT_REAL, LAB_IMPORT, 0, AT(unit_m), "M",
-     "with --rig: meters per unit of the poses (found from matches between the rig's cameras)", 1e-9, 1e9, 0},
+     "with --rig: meters per unit of the poses (found from matches between the rig's cameras); realsense: "
+     "meters per "
+     "step of the depth (0.001)",
+     1e-9, 1e9, 0},
     {"refine", SV_OPT_WORD, LAB_IMPORT, 0, AT(refine), "rig|views",
      "bundle adjustment on matches found in the images. rig: sub-views of an exposure keep their relative "
      "poses; views: each view has its own pose",
