@@ -195,7 +195,7 @@ void sv_options_help(const sv_options *s, const sv_tool_command *c) {
   for (int i = 0; i < s->n_rows; i++) {
     const sv_option *op = &s->rows[i];
     if (!(op->commands & c->bit) || op->kind == SV_OPT_OPERAND) continue;
-    char left[120];
+    char left[240];
     snprintf(left, sizeof left, "--%s %s", op->name, op->value ? op->value : "");
     printf("  %-26s %s%s%s\n", left, strlen(left) > 26 ? "\n                             " : "", op->help,
            op->required & c->bit ? "; required" : "");
