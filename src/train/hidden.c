@@ -51,6 +51,17 @@ static void judge_task(void *arg, int i_task, int i_thread) {
   for (int i = i_task * GAUSSIANS_PER_TASK; i < end; i++) judge(j, i);
 }
 
+// A background far beyond the scene is behind things, and is seen beside them from elsewhere.
+static bool is_background(const sv_trainer *t, int i) {
+  const float reach = SV_REACH_RADII * t->radius;
+  float square = 0.0f;
+  for (int k = 0; k < 3; k++) {
+    const float d = *sv_gaussians_at(&t->g, i, SV_ROW_MEAN + k) - t->centre[k];
+    square += d * d;
+  }
+  return square > reach * reach;
+}
+
 sv_status sv_train_prune_hidden(sv_trainer *t, int *n) {
   const sv_render_options o = sv_train_render_options(t, 1.0f, true);
   const float dead = (float)sv_log((double)SV_OPACITY_DEAD / 2);
@@ -68,7 +79,7 @@ sv_status sv_train_prune_hidden(sv_trainer *t, int *n) {
                 (t->g.n + GAUSSIANS_PER_TASK - 1) / GAUSSIANS_PER_TASK);
   }
   for (int i = 0; i < t->g.n; i++) {
-    if (flags[i] != IN_VIEW) continue;
+    if (flags[i] != IN_VIEW || is_background(t, i)) continue;
     *sv_gaussians_at(&t->g, i, SV_ROW_LOGIT) = dead;
     (*n)++;
   }

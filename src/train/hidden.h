@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Hidden Gaussians: those that lie far behind the surface in every view. No view trains them, so
-// they stay as they started, and are floaters to who looks from elsewhere.
+// they stay as they started, and are floaters to who looks from elsewhere. Backgrounds beyond
+// SV_REACH_RADII are left alone.
 #ifndef SV_TRAIN_HIDDEN_H
 #define SV_TRAIN_HIDDEN_H
 

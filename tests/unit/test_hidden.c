@@ -8,9 +8,9 @@
 
 #define W 64
 #define H 64
-#define N 5
+#define N 6
 
-enum { WALL, FAR_BEHIND, BEHIND, BESIDE, OUTSIDE };
+enum { WALL, FAR_BEHIND, BEHIND, BESIDE, OUTSIDE, BACKGROUND };
 
 static _Alignas(64) unsigned char block[16 << 20];
 static uint8_t black[H][W][3];
@@ -52,6 +52,7 @@ static void open_scene(int hidden_every) {
   put(BEHIND, 0.05f, 0.3f, -4, 2);
   put(BESIDE, 1.9f, 0.8f, -4, 2); // the cameras see past the wall
   put(OUTSIDE, 9, 0.8f, -4, 2);   // of both images
+  put(BACKGROUND, 0, 11, -1, 2);
 }
 
 static float logit(int i) { return *sv_gaussians_at(&t.g, i, SV_ROW_LOGIT); }
