@@ -388,9 +388,6 @@ sv_status sv_sim_check(const sv_sim_config *c, sv_err *err) {
   if (c->jpeg_quality > 0 && sv_sim_is_deep(c))
     return sv_fail(err, SV_E_ARG, "sim: jpeg=%d: frames have 16 bits, which JPEG does not code (rig %s)",
                    c->jpeg_quality, RIGS[c->rig]);
-  if (c->lens == SV_SIM_LENS_KB4 && c->optics.aperture_mm > 0)
-    return sv_fail(err, SV_E_ARG, "sim: aperture_mm=%g: fisheyes are sharp everywhere; expected 0",
-                   c->optics.aperture_mm);
   int n_cameras = sv_device_n_cameras(c->rig);
   for (int i = 0; i < c->n_faults; i++)
     if (c->faults[i].i_camera < 0 || c->faults[i].i_camera >= n_cameras)

@@ -115,6 +115,7 @@ sv_view sv_sim_optics_through(const sv_sim_optics_cfg *c, const sv_view *v, cons
   sv_view out = *v;
   out.t[0] -= (float)lens_m[0];
   out.t[1] -= (float)lens_m[1];
+  if (v->fisheye) return out; // its rays lean
   out.cx += (float)((double)v->fx * lens_m[0] / c->focus_m);
   out.cy += (float)((double)v->fy * lens_m[1] / c->focus_m);
   return out;

@@ -74,7 +74,8 @@ int sv_sim_optics_n_samples(const sv_sim_optics_cfg *cfg);
 // Sample i of a frame: by how much of the shutter time it is late, -0.5 to 0.5, and its place on
 // the lens in m.
 void sv_sim_optics_sample(const sv_sim_optics_cfg *cfg, int i, double *late, double lens_m[2]);
-// The view through that place of the lens: points at focus_m stay where they are.
+// The view through that place of the lens: points at focus_m (depth; of a fisheye distance, with
+// sv_sim_shot.lean) stay where they are.
 sv_view sv_sim_optics_through(const sv_sim_optics_cfg *cfg, const sv_view *v, const double lens_m[2]);
 
 #ifdef __cplusplus

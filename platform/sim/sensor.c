@@ -113,6 +113,7 @@ static void draw_sample(sv_sim *sim, const sv_sub_view *sv, sv_ns mid_ns, const 
     c->x0 = is_across ? from : 0;
     c->x1 = is_across ? to : width_px;
     sv_sim_shot_prepare(sim->shot, sim->scene, &moved, sv_ns_to_s(ns - SV_SIM_EPOCH_NS));
+    for (int k = 0; k < 2 && v.fisheye; k++) sim->shot->lean[k] = (float)(lens_m[k] / o->focus_m);
     sv_sim_shot_rows(sim->shot, is_across ? 0 : from, is_across ? height_px : to, &sink);
   }
   c->lens = NULL;

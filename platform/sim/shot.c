@@ -197,6 +197,7 @@ void sv_sim_shot_prepare(sv_sim_shot *shot, const sv_sim_scene *scene, const sv_
   for (int i = 0; i < 3; i++) cam_from_world.t[i] = (double)view->t[i];
   shot->scene = scene;
   shot->view = *view;
+  shot->lean[0] = shot->lean[1] = 0;
   shot->n_prims = scene->n_prims;
   set_grid(shot, &cam_from_world);
   for (int i = 0; i < scene->n_prims; i++) see_prim(shot, i, &cam_from_world, time_s);

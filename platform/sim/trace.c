@@ -110,6 +110,15 @@ static look see(const strip *st, v4_vec ray, int lo_px, int hi_px, bool is_centr
   return out;
 }
 
+// Through another place of the lens, to the point at the distance that is sharp.
+static void lean(const sv_sim_shot *s, float ray[3]) {
+  if (s->lean[0] == 0 && s->lean[1] == 0) return;
+  ray[0] -= s->lean[0];
+  ray[1] -= s->lean[1];
+  const float inv = 1 / sqrtf(ray[0] * ray[0] + ray[1] * ray[1] + ray[2] * ray[2]);
+  for (int k = 0; k < 3; k++) ray[k] *= inv;
+}
+
 // Rays of four places in the picture. Beyond the lens's range they are NaN and hit nothing.
 static v4_vec ray_at(const sv_sim_shot *s, v4f px, v4f py) {
   v4_vec r = {(px - s->view.cx) * (1.0f / s->view.fx), (py - s->view.cy) * (1.0f / s->view.fy), v4_set(1)};
@@ -117,6 +126,7 @@ static v4_vec ray_at(const sv_sim_shot *s, v4f px, v4f py) {
   for (int i = 0; i < 4; i++) {
     float ray[3] = {NAN, NAN, NAN};
     (void)sv_view_ray(&s->view, px[i], py[i], ray);
+    lean(s, ray);
     r.x[i] = ray[0];
     r.y[i] = ray[1];
     r.z[i] = ray[2];

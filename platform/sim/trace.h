@@ -38,6 +38,9 @@ typedef struct {
 typedef struct {
   const sv_sim_scene *scene;
   sv_view view;
+  // Of a fisheye, through a place on its lens: that place over the distance that is sharp, by which
+  // rays lean towards the axis. 0 after prepare.
+  float lean[2];
   int n_prims;
   uint8_t order[SV_SIM_CAP_PRIMS]; // visible primitives, nearest first
   int n_order;

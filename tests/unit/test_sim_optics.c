@@ -175,6 +175,27 @@ TEST(test_blur) {
   assert_true(sharpness(frame) < sharpness(ideal) && sharpness(other) < 0.6 * sharpness(frame));
 }
 
+// A fisheye's pixels see the same point through every place of the lens at the distance in focus,
+// and further off the more blur the nearer they are.
+TEST(test_fisheye_defocus) {
+  static const char fisheye[] = "hall,rig=mono,size=96x72,lens=kb4:185";
+  char spec[200];
+  double sharp[3];
+  expose_at(fisheye, 0, 0, 0, ideal);
+  for (int i = 0; i < 3; i++) {
+    static const double focus_m[3] = {1, 4, 30};
+    sv_fmt(spec, sizeof spec, "%s,aperture_mm=120,focus_m=%g", fisheye, focus_m[i]);
+    expose_at(spec, 0, 0, 0, frame);
+    sharp[i] = sharpness(frame);
+  }
+  print_message("sharpness: %.1f, focus at 1 m %.1f, at 4 m %.1f, at 30 m %.1f\n", sharpness(ideal), sharp[0],
+                sharp[1], sharp[2]);
+  assert_true(sharp[0] < 0.6 * sharp[1] && sharp[2] < sharp[1] && sharp[1] > 0.75 * sharpness(ideal));
+  sv_fmt(spec, sizeof spec, "%s,aperture_mm=0.001,focus_m=1", fisheye);
+  expose_at(spec, 0, 0, 0, frame);
+  for (int i = 0; i < N; i++) assert_true(abs(frame[i] - ideal[i]) < 4); // a pinhole
+}
+
 TEST(test_hot_pixels) {
   int n[2] = {0};
   expose("", 1, 0, ideal);
@@ -312,6 +333,7 @@ int main(void) {
                                      cmocka_unit_test(test_falloff),
                                      cmocka_unit_test(test_rolling_shutter),
                                      cmocka_unit_test(test_blur),
+                                     cmocka_unit_test(test_fisheye_defocus),
                                      cmocka_unit_test(test_hot_pixels),
                                      cmocka_unit_test(test_all_rigs),
                                      cmocka_unit_test(test_depth),
