@@ -101,8 +101,11 @@ typedef struct {
   // gradients of the sum of w z, of transmittance and of expected depth; weight of each pixel.
   float *expected, *target, *g_depth, *g_trans, *g_expected, *share;
   uint8_t *mask;
-  uint8_t *warped;                    // [cap_pixels][4], with a method
-  sv_arena *scratch;                  // of unpooling and pruning
+  uint8_t *warped;   // [cap_pixels][4], with a method
+  sv_arena *scratch; // of unpooling and pruning
+  // Set by the caller: the first Gaussians cover the surface, as they come from depth maps of the
+  // views. Then there are no gaps to unpool into. Default false.
+  bool is_covered;
   int n_unpooled, n_pruned, n_warped; // ever
   double last_dip;                    // of the last pruning, mean over the views
   sv_prior_samples *samples;          // with depth maps

@@ -220,8 +220,8 @@ sv_status sv_prior_update(sv_prior *prior, float progress) {
   if (!c->method || prior->t->n_views < 1) return SV_OK;
   for (int i = 0; i < 2 && s >= 0 && has_maps(prior); i++)
     if (before < c->prune_at[i] && progress >= c->prune_at[i]) s = sv_prior_prune(prior, &n_pruned);
-  if (progress >= c->unpool_from && progress < sv_minf(c->unpool_until, prior->t->cfg.relocate_until) &&
-      prior->t->step % every == 0)
+  if (!prior->is_covered && progress >= c->unpool_from &&
+      progress < sv_minf(c->unpool_until, prior->t->cfg.relocate_until) && prior->t->step % every == 0)
     (void)sv_prior_unpool(prior); // before relocation takes the dead Gaussians
   const bool is_warped = c->warp_every > 0 && progress > c->warp_from && progress <= c->warp_until;
   if (s >= 0 && is_warped && prior->t->step % (uint32_t)c->warp_every == 0)

@@ -405,6 +405,7 @@ static sv_status first_model(sv_app *app, const sv_bounds *b, bool is_measured, 
   if (s == SV_OK)
     sv_app_log(app, SV_LOG_INFO, "first model: %d points from the depth maps of %d views", start.n_points,
                start.n_maps);
+  app->prior.is_covered = s == SV_OK;
   if (s == SV_AGAIN) choose_blind(app, &start);
   // Their nearest neighbours: 7 us a Gaussian on x86-64, ten times as long on a slow board.
   sv_beat_for(app->port.heartbeats, SV_BEAT_MAIN, NEIGHBOURS_NS * t->g.n);

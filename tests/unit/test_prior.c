@@ -359,6 +359,20 @@ TEST(test_methods) {
   }
 }
 
+// Where the first Gaussians cover the surface, there is nothing to unpool into.
+TEST(test_covered) {
+  for (int is_covered = 0; is_covered < 2; is_covered++) {
+    make_with(&trainer, SV_PRIOR_FSGS, &in_order, block, sizeof block);
+    trainer.cfg.relocate_every = 10;
+    prior.cfg.unpool_distance = 1.2f;
+    prior.is_covered = is_covered;
+    for (int i = 0; i < 30; i++) *sv_gaussians_at(&trainer.g, 9 * i, SV_ROW_LOGIT) = -9;
+    for (int i = 0; i < 30; i++)
+      assert_int_equal(sv_train_step(&trainer, 0.1f + (float)i / 120, NULL), SV_OK);
+    assert_true((prior.n_unpooled > 0) == !is_covered);
+  }
+}
+
 // Carried by true depth, a picture is where it belongs.
 TEST(test_warp) {
   static float map[W * H];
@@ -565,6 +579,7 @@ int main(void) {
                                      cmocka_unit_test(test_prune),
                                      cmocka_unit_test(test_warp),
                                      cmocka_unit_test(test_methods),
+                                     cmocka_unit_test(test_covered),
                                      cmocka_unit_test(test_masked_depth),
                                      cmocka_unit_test(test_line_with_outliers),
                                      cmocka_unit_test(test_ball_tells_scale),

@@ -548,6 +548,7 @@ static sv_status stages(run *r, sv_err *err) {
   lab_say(&r->session, "%d views of up to %dx%d%s, %d Gaussians, %.1f MB, loaded in %.2f s", r->views.n,
           r->views.cap_width_px, r->views.cap_height_px, r->views.is_undistorted ? " (undistorted)" : "",
           r->plan.trainer.g.n, 1e-6 * (double)r->plan.bytes, r->load_s);
+  r->plan.prior.is_covered = r->is_stereo;
   s = lab_prior_begin(&r->prior, &(lab_prior_input){&r->session, r->o, &r->views, &r->plan.prior},
                       &r->start.bounds, &r->plan.scratch, err);
   if (s != SV_OK || (s = train(r, err)) != SV_OK) return s;
