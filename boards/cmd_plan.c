@@ -12,7 +12,8 @@
 typedef struct {
   options_common common;
   long gaussians, sh, images, threads, arena_mib;
-  long odometry; // sub-views of a rig whose poses are not known; 0: they are
+  long odometry;    // sub-views of a rig whose poses are not known; 0: they are
+  double history_s; // of a live run of a moving scene; below 0: another run
   const char *size, *frames, *grid, *prior, *depth;
   bool is_json, is_rolling, is_mesh;
 } plan_options;
@@ -36,6 +37,11 @@ static size_t bytes_of(const plan_options *o, long gaussians, int sh, long image
                   .source_name = "plan",
                   .n_exposures = (int)((images + n - 1) / n),
                   .is_deep = is_deep(o),
+                  .is_dynamic = o->history_s >= 0,
+                  .is_continuous = o->history_s >= 0,
+                  .exposure_s = SV_EXPOSURE_S,
+                  .history_s = o->history_s,
+                  .dynamic = sv_dynamic_defaults(),
                   .is_tracking = o->odometry > 0,
                   .skew_limit_ns = 20 * SV_NS_PER_MS,
                   .prior = (sv_prior_method)sv_prior_method_by_name(o->prior),
@@ -192,6 +198,10 @@ static const sv_option rows[] = {
     {"arena", SV_OPT_INT, 1, 0, AT(arena_mib), "MIB", "size of the memory block [the board's]", 1, 65536,
      NULL},
     {"mesh", SV_OPT_FLAG, 1, 0, AT(is_mesh), NULL, "with the memory of run --mesh", 0, 0, NULL},
+    {"history", SV_OPT_REAL, 1, 0, AT(history_s), "SEC",
+     "a live run of a moving scene ('subview run --scene dynamic --live') that keeps so many seconds of the "
+     "past, ten exposures each [another run]",
+     0, 3600, NULL},
     {"json", SV_OPT_FLAG, 1, 0, AT(is_json), NULL, "print one JSON object", 0, 0, NULL},
     OPTIONS_COMMON(plan_options)};
 
@@ -206,6 +216,7 @@ static const sv_tool_command command = {
 int cmd_plan(int argc, char **argv) {
   plan_options o = {.gaussians = BOARD_GAUSSIANS,
                     .sh = BOARD_SH_DEGREE,
+                    .history_s = -1,
                     .images = 2 * BOARD_EXPOSURES,
                     .threads = BOARD_THREADS,
                     .arena_mib = (long)(BOARD_ARENA_BYTES >> 20),
@@ -218,6 +229,10 @@ int cmd_plan(int argc, char **argv) {
   if (sv_prior_method_by_name(o.prior) < 0 || (sv_prior_method_by_name(o.prior) > 0 && o.grid))
     return usage_error(
         "plan", "--prior %s: expected none, fsgs or sparsegs, the latter not with --multiplexed", o.prior);
+  if (o.history_s >= 0 && (o.grid || is_deep(&o) || o.odometry > 0 || o.is_mesh ||
+                           sv_prior_method_by_name(o.prior) > 0 || o.is_rolling))
+    return usage_error(
+        "plan", "--history: not with --multiplexed, --depth 16, --odometry, --mesh, --prior or --rolling");
   if ((r = make_rig(&o, w, h)) != 0 || (r = make_frames(&o, w, h)) != 0) return r;
   if (is_deep(&o) && (o.grid || o.frames || sv_prior_method_by_name(o.prior) > 0))
     return usage_error("plan", "--depth 16: not with --multiplexed, --frames or --prior");

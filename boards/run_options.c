@@ -273,7 +273,7 @@ int run_options_parse(int argc, char **argv, run_options *o) {
                      .seed = 1,
                      .save_every = 30,
                      .picture_every = 5,
-                     .exposure_s = 0.1,
+                     .exposure_s = SV_EXPOSURE_S,
                      .shutter = "auto",
                      .prior = "none",
                      .scene = "static",

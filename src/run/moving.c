@@ -54,7 +54,7 @@ sv_dynamic_cfg sv_app_dynamic_cfg(const sv_app_cfg *c) {
   if (!c->is_continuous) return d;
   d.functions = SV_MOTION_POWERS;
   d.n_pos = d.n_rot = d.n_colour = 1; // exposures of a ring are too few for more
-  d.lr_pos = 1;                       // rates are per second, not per clip
+  d.lr_pos = 3;                       // rates are per second, not per clip
   d.lr_window = d.window_start = 0;   // windows in a time that has no end
   d.from = d.grow_until = 0;
   d.find_every = d.find_until = 0; // by exposures instead

@@ -166,9 +166,28 @@ TEST(plan_counts_it) {
   world_close(&w);
 }
 
+TEST(so_does_the_command) {
+  char out[8192];
+  assert_int_equal(
+      shell_read(out, sizeof out, "$SV_EMULATE $SV_BIN/subview plan --images 16 --size 320x240 2>&1"), 0);
+  assert_null(strstr(out, "history"));
+  assert_int_equal(shell_read(out, sizeof out,
+                              "$SV_EMULATE $SV_BIN/subview plan --images 16 --size 320x240 --gaussians 10000 "
+                              "--sh 0 --history 10 2>&1"),
+                   0);
+  assert_non_null(strstr(out, "history"));
+  assert_int_equal(shell_read(out, sizeof out, "$SV_EMULATE $SV_BIN/subview plan --history 10 --mesh 2>&1"),
+                   2);
+  assert_int_equal(
+      shell_read(out, sizeof out,
+                 "$SV_EMULATE $SV_BIN/subview run --source sim:moving --out none --history 10 2>&1"),
+      2);
+  assert_non_null(strstr(out, "--history: only with --scene dynamic and --live"));
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(shows_the_last_exposures_as_they_were),
                                      cmocka_unit_test(gaps_are_filled), cmocka_unit_test(none_is_asked_for),
-                                     cmocka_unit_test(plan_counts_it)};
+                                     cmocka_unit_test(plan_counts_it), cmocka_unit_test(so_does_the_command)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
