@@ -66,6 +66,7 @@ bench: ## time the kernels (kernels.csv), whole steps and their stages, seconds 
 reproduce: ## measure the figures of docs/results.md again and compare (ONLY=pattern; SV_DATA=folder of datasets)
 soak: ## still, session and moving runs for HOURS=1, with memory, descriptors, ledger and quality watched
 soak-sim: ## long live runs on virtual clocks (EXPOSURES=10000 each)
+live-bench: ## MINUTES=10 of live training at 5,000, 10,000 and 20,000 Gaussians, one and two threads: a table
 ring-stress: ## OPERATIONS=100000000 of a ring between two threads, under ThreadSanitizer
 stage-digests: ## digests of each stage of each step (STAGE_ARGS="STEPS ISA THREADS"); compare two builds by diff
 accept-counts: ## take the instructions counted now as those a step may take

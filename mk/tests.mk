@@ -147,7 +147,7 @@ test-all: programs
 stage-digests: $(PROGS_digests)
 	@$(EMULATE) $< $(STAGE_ARGS)
 
-.PHONY: test cross board-test bare-test service-test slurm-test deploy-test deploy-test-one two-packages accept-counts soak soak-sim ring-stress
+.PHONY: test cross board-test bare-test service-test slurm-test deploy-test deploy-test-one two-packages accept-counts soak soak-sim live-bench ring-stress
 test:
 	@[ '$(WITH)' != minimal ] || { echo "make test: the tests are of all features, so not with WITH=minimal" >&2; exit 2; }
 	@WITH='$(WITH)' tools/deps/install.sh test
@@ -197,6 +197,8 @@ soak: $(PROGS_soak) programs
 	@tests/soak/soak.sh real $(O) $(or $(HOURS),1)
 soak-sim: $(PROGS_soak)
 	@tests/soak/soak.sh sim $(O) $(EXPOSURES)
+live-bench: programs
+	@tests/soak/live.sh $(O) $(or $(MINUTES),10) $(GAUSSIANS)
 ring-stress:
 	@+$(MAKE) --no-print-directory SAN=thread '$(BUILD)/$(BOARD)-thread/tests/ring-stress'
 	@'$(BUILD)/$(BOARD)-thread/tests/ring-stress' $(or $(OPERATIONS),100000000)

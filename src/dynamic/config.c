@@ -33,6 +33,7 @@ sv_dynamic_cfg sv_dynamic_defaults(void) {
                       .is_matched = true,
                       .shrink_pos = 0.1f,
                       .share_min = 0.2f,
+                      .min_scale = 1,
                       .keep_hidden = 8,
                       .window_start = 0.4f,
                       .residual_min = 0.01f,

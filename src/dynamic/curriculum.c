@@ -30,7 +30,7 @@ bool sv_dynamic_has_time(const sv_dynamic *dyn, float time, float progress) {
 
 int sv_dynamic_min_scale(const sv_dynamic *dyn, float time, float progress) {
   const sv_dynamic_cfg *d = &dyn->cfg;
-  if (!(d->grow_until > d->from) || progress <= d->from) return 1;
+  if (!(d->grow_until > d->from) || progress <= d->from) return sv_maxi(d->min_scale, 1);
   float x = (fabsf(time - dyn->t->reference_time) - d->grow_start) / (farthest(dyn) - d->grow_start);
   float age = progress - d->from - (d->grow_until - d->from) * sv_maxf(x, 0.0f);
   if (x <= 0 || age >= d->coarse_for) return 1;

@@ -86,6 +86,8 @@ typedef struct {
   // Continuous capture: one of so many steps takes any view in turn, the others one of the newest
   // time; 0: all in turn. Default 0.
   int older_every;
+  // Continuous capture: images are reduced at least so much, 1, 2 or 4. Default 1.
+  int min_scale;
   // Exposures after which a Gaussian that no view sees may be placed anew, 1 to 254. Default 8.
   int keep_hidden;
 } sv_dynamic_cfg;

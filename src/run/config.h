@@ -14,7 +14,8 @@
 #include "src/sync/capture_queue.h"
 #include "src/train/train.h"
 
-#define SV_EXPOSURE_S 0.1 // training time of each exposure of a live run, where nothing else is said
+// Default of the training time of each exposure of a live run.
+#define SV_EXPOSURE_S 0.1
 
 // Automatic: per camera where the colors of some are not known, per exposure where light is not
 // locked; not while exposures are replaced.

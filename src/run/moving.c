@@ -21,6 +21,13 @@
 #define FALL_DB         3.0 // below the usual PSNR
 #define RECOVERED_DB    1.5
 #define FALL_EXPOSURES  100 // before which nothing is usual
+// With fewer steps for each exposure, images of half the size give better models
+// (docs/notes/motion.md).
+#define LEAST_STEPS   8.0f
+#define REDUCED       2
+#define REDUCED_STEPS 3.0f // as many in the same time
+#define ENOUGH_STEPS  1.5f // times what is needed: then full size again
+#define MEAN_TURNS    8.0f
 
 void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   t->has_motion = true;
@@ -97,18 +104,44 @@ bool sv_app_is_exposure_due(const sv_app *app) {
   return m->now_ns(m->self) - app->moving.exposure_ns >= (sv_ns)(app->cfg.exposure_s * 1e9);
 }
 
-// How the model stands to the exposure that was the newest until now, before it makes room.
+static bool is_reduced(const sv_app *app) { return app->dynamic.cfg.min_scale > 1; }
+
+// The time of an exposure is held whatever a step takes. When that leaves too few steps, images are
+// trained on at half their size.
+static void adapt_size(sv_app *app) {
+  sv_app_moving *m = &app->moving;
+  const float n = (float)(app->trainer.step - m->turn_step);
+  m->turn_step = app->trainer.step;
+  m->steps_mean += m->steps_mean > 0 ? (n - m->steps_mean) / MEAN_TURNS : n;
+  m->n_reduced += is_reduced(app);
+  if (!is_reduced(app) && m->n_scored >= MEAN_TURNS && m->steps_mean < LEAST_STEPS) {
+    app->dynamic.cfg.min_scale = REDUCED;
+    m->steps_mean *= REDUCED_STEPS;
+    if (!m->n_reduced)
+      sv_app_log(app, SV_LOG_INFO,
+                 "few steps fit into the time of an exposure: training on images of half the size; fewer "
+                 "--gaussians or a longer --exposure-time avoid it");
+  } else if (is_reduced(app) && m->steps_mean > ENOUGH_STEPS * REDUCED_STEPS * LEAST_STEPS) {
+    app->dynamic.cfg.min_scale = 1;
+    m->steps_mean /= REDUCED_STEPS;
+  }
+}
+
+// How the model stands to the exposure that was the newest until now, before it makes room. Where
+// time is short, one of its sub-views in turn tells.
 static sv_status score_newest(sv_app *app) {
-  const int n = sv_app_n_trained_sub_views(&app->cfg);
+  const int n = sv_app_n_trained_sub_views(&app->cfg), n_looked = is_reduced(app) ? 1 : n,
+            first = (int)(app->moving.n_scored % (uint64_t)n);
   const int slot = (app->exposures.i_next + app->cfg.n_exposures - 1) % app->cfg.n_exposures;
   double sum = 0;
-  for (int i = 0; i < n; i++) {
+  for (int i = 0; i < n_looked; i++) {
     double mse;
-    sv_status s = sv_driver_view_mse(&app->trainer, slot * n + i, NULL, &mse);
+    sv_status s = sv_driver_view_mse(&app->trainer, slot * n + (first + i) % n, NULL, &mse);
     if (s < 0) return s;
-    sum += sv_psnr_of_mse(mse) / n;
+    sum += sv_psnr_of_mse(mse) / n_looked;
   }
   sv_app_moving *m = &app->moving;
+  m->psnr_recent[m->n_scored % SV_APP_RECENT] = sum;
   m->n_scored++;
   m->psnr_sum += sum;
   m->psnr_late +=
@@ -116,6 +149,13 @@ static sv_status score_newest(sv_app *app) {
   m->psnr_usual += (m->psnr_late - m->psnr_usual) / USUAL_EXPOSURES;
   if (m->psnr_usual < m->psnr_late) m->psnr_usual = m->psnr_late;
   return SV_OK;
+}
+
+double sv_app_recent_psnr(const sv_app_moving *m) {
+  const int n = m->n_scored < SV_APP_RECENT ? (int)m->n_scored : SV_APP_RECENT;
+  double sum = 0;
+  for (int i = 0; i < n; i++) sum += m->psnr_recent[i];
+  return n ? sum / n : 0;
 }
 
 // Tells the user once when quality falls, and again after it has recovered.
@@ -135,6 +175,7 @@ sv_status sv_app_leave_exposure(sv_app *app) {
   if (!app->cfg.is_dynamic || !app->cfg.is_continuous) return SV_OK;
   sv_status s = score_newest(app);
   if (s >= 0) watch_quality(app);
+  adapt_size(app);
   if (s >= 0) sv_app_note_history(app);
   return s;
 }

@@ -11,6 +11,8 @@
 
 typedef struct sv_app sv_app;
 
+#define SV_APP_RECENT 25 // exposures
+
 typedef struct {
   sv_ns first_ns, last_ns; // host times of the exposures that the model's time runs between
   sv_ns exposure_ns;       // machine time at which the newest exposure came in
@@ -18,9 +20,14 @@ typedef struct {
   uint64_t n_scored;       // of these: scored at the end of their turn
   double psnr_sum;         // dB, over the scored ones
   double psnr_late;        // dB, running mean of about the last 50
+  // dB of the last ones: number i of all at i % SV_APP_RECENT
+  double psnr_recent[SV_APP_RECENT];
   // dB, the highest psnr_late, which falls to what it is now within about 5,000 exposures
   double psnr_usual;
-  bool has_fallen; // the user was told that quality has fallen
+  bool has_fallen;    // the user was told that quality has fallen
+  uint32_t turn_step; // of the trainer, when the newest exposure came in
+  float steps_mean;   // steps of an exposure, running mean; 0: none has had its turn
+  uint64_t n_reduced; // exposures that were trained on at reduced size
   sv_history history;
 } sv_app_moving;
 
@@ -48,6 +55,8 @@ sv_ns sv_app_newest_ns(const sv_app *app); // host time of the newest exposure
 bool sv_app_has_past(const sv_app *app);   // the history has frames enough for a sequence
 sv_status sv_app_write_history(sv_app *app, sv_sink sink, sv_err *err) SV_MUST_USE;
 
+// Mean PSNR in dB of the last SV_APP_RECENT exposures, or of all; 0: none was scored.
+double sv_app_recent_psnr(const sv_app_moving *m);
 // The pictures of the last exposures are far worse than usual: something has gone wrong.
 bool sv_app_has_quality_fallen(const sv_app_moving *m);
 

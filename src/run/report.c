@@ -26,13 +26,14 @@ static void add_live(sv_str *s, const sv_app *app) {
   if (app->cfg.is_dynamic)
     sv_str_add(s, "  \"moving\": %d, \"renewed\": %u,\n", sv_deform_n_moving(&app->dynamic.deform),
                app->dynamic.n_renewed);
-  if (app->moving.n_scored)
+  const sv_app_moving *m = &app->moving;
+  if (m->n_scored)
     sv_str_add(
         s,
-        "  \"live_psnr\": %.3f, \"live_psnr_late\": %.3f, \"live_psnr_usual\": %.3f, \"live_exposures\": "
-        "%llu,\n",
-        app->moving.psnr_sum / (double)app->moving.n_scored, app->moving.psnr_late, app->moving.psnr_usual,
-        (unsigned long long)app->moving.n_scored);
+        "  \"live_psnr\": %.3f, \"live_psnr_late\": %.3f, \"live_psnr_25\": %.3f, \"live_psnr_usual\": "
+        "%.3f, \"live_exposures\": %llu, \"live_steps\": %.1f, \"live_reduced\": %llu,\n",
+        m->psnr_sum / (double)m->n_scored, m->psnr_late, sv_app_recent_psnr(m), m->psnr_usual,
+        (unsigned long long)m->n_scored, (double)m->steps_mean, (unsigned long long)m->n_reduced);
   const sv_history *h = &app->moving.history;
   if (h->n_frames > 0)
     sv_str_add(s,

@@ -126,12 +126,59 @@ TEST(cameras_that_go) {
   world_close(&w);
 }
 
+// A machine whose steps take long at full size and a third of that at half size.
+static sv_ns slow_step_ns, spent_ns;
+static uint32_t counted_step;
+static long n_readings;
+
+static sv_ns now_on_slow_machine(void *self) {
+  (void)self;
+  const uint32_t step = world_stats(&w).step;
+  const bool is_reduced = w.app.dynamic.cfg.min_scale > 1;
+  spent_ns += (sv_ns)(step - counted_step) * (is_reduced ? slow_step_ns / 3 : slow_step_ns);
+  counted_step = step;
+  return w.machine_ns + spent_ns + 1000 * n_readings++;
+}
+
+// Steps that are too slow: the time of an exposure is held, and images are reduced; fast ones: they
+// are not.
+static void check_size(sv_ns step_ns, bool is_reduced) {
+  world_open_well(&w, "moving,rig=stereo,size=64x48,arc=0,fps=10", 4, ~0u, 1);
+  w.cfg.is_dynamic = w.cfg.is_continuous = true;
+  w.cfg.exposure_s = 0.1;
+  w.cfg.steps = (uint32_t)(3 * SV_NS_PER_S / step_ns);
+  w.cfg.train.n_gaussians = 300;
+  w.port.machine.now_ns = now_on_slow_machine;
+  slow_step_ns = step_ns;
+  n_readings = 0;
+  spent_ns = 0;
+  counted_step = 0;
+  world_run_well(&w);
+  const sv_app_moving *m = &w.app.moving;
+  const sv_ledger l = sv_sync_ledger_sum(&w.app.queue.sync);
+  print_message("steps of %.0f ms: %llu exposures, %llu at half size, %.1f steps each\n",
+                sv_ns_to_ms(step_ns), (unsigned long long)m->n_scored, (unsigned long long)m->n_reduced,
+                (double)m->steps_mean);
+  assert_true(sv_ledger_is_exact(&l) && l.pending == 0);
+  // Ten a second, but for the last one
+  assert_true((double)m->n_scored >= 10 * sv_ns_to_s(spent_ns) - 2);
+  assert_true((m->n_reduced > 0) == is_reduced && m->n_reduced < m->n_scored);
+  assert_true(world_has_line(&w, "images of half the size") == is_reduced);
+  world_close(&w);
+}
+
+TEST(steps_that_are_too_slow) {
+  check_size(25 * SV_NS_PER_MS, true);
+  check_size(5 * SV_NS_PER_MS, false);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(in_turns_on_the_virtual_clock),
       cmocka_unit_test(too_slow_for_its_cameras),
       cmocka_unit_test(with_a_thread),
       cmocka_unit_test(cameras_that_go),
+      cmocka_unit_test(steps_that_are_too_slow),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
