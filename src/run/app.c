@@ -529,6 +529,7 @@ static sv_status train(sv_app *app, sv_err *err) {
                              .limit_s = app->cfg.time_limit_s,
                              .steady_progress = sv_app_steady_progress(&app->cfg),
                              .clock = *m,
+                             .scratch = &app->scratch,
                              .console = app->port.console,
                              .self = app,
                              .before_step = before_step,

@@ -7,12 +7,17 @@
 #include "src/train/train.h"
 
 #define BAND_ROWS 32
+#define N_MATRIX  9
 #define N_COLOR   12                // of M and b; the others are the falloff's
 #define SATURATED (254.5f / 255.0f) // display value
 
 sv_appearance_cfg sv_appearance_defaults(void) {
-  return (sv_appearance_cfg){
-      .lr_camera = 0.002f, .lr_falloff = 0.0005f, .lr_exposure = 0.002f, .decay = 0.03f, .pull = 1e-3f};
+  return (sv_appearance_cfg){.lr_camera = 0.002f,
+                             .lr_offset = 0.0002f,
+                             .lr_falloff = 0.0005f,
+                             .lr_exposure = 0.002f,
+                             .decay = 0.03f,
+                             .pull = 1e-3f};
 }
 
 void sv_appearance_carve(sv_appearance *a, const sv_train_cfg *cfg, size_t cap_floats, sv_arena *arena) {
@@ -271,10 +276,13 @@ static void move(sv_trainer *t, int i_view, const double sum[SV_APPEARANCE_SUMS]
     sv_appearance_group *e = &t->appearance.exposure[i_exposure];
     sv_appearance_share(sum, camera->p, e->p, d_camera, d_exposure);
     e->n_steps++;
-    if (i_exposure > 0) step(e, d_exposure, 0, 9, rate * (double)c->lr_exposure, (double)c->pull);
+    if (i_exposure > 0) step(e, d_exposure, 0, N_MATRIX, rate * (double)c->lr_exposure, (double)c->pull);
   }
   camera->n_steps++;
-  if (i_camera > 0) step(camera, d_camera, 0, N_COLOR, rate * (double)c->lr_camera, (double)c->pull);
+  if (i_camera > 0) {
+    step(camera, d_camera, 0, N_MATRIX, rate * (double)c->lr_camera, (double)c->pull);
+    step(camera, d_camera, N_MATRIX, N_COLOR, rate * (double)c->lr_offset, (double)c->pull);
+  }
   step(camera, d_camera, N_COLOR, SV_APPEARANCE_SUMS, rate * (double)c->lr_falloff, (double)c->pull);
 }
 

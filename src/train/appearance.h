@@ -35,8 +35,10 @@ typedef struct sv_train_cfg sv_train_cfg;
 typedef struct {
   int n_cameras;   // Cameras with a transform and a falloff of their own. Default 0: no appearance.
   int n_exposures; // Exposures with a transform of their own. Default 0: they are all alike.
-  // Adam's steps of cameras and exposures at the start. Defaults 0.004 and 0.02.
-  float lr_camera, lr_falloff, lr_exposure;
+  // Adam's steps at the start, of cameras' matrices, offsets and falloffs, and of exposures.
+  // Defaults 0.002, 0.0002, 0.0005 and 0.002. Offsets are small: black levels that are off, and
+  // stray light.
+  float lr_camera, lr_offset, lr_falloff, lr_exposure;
   float decay; // What is left of both at the end, log-linear. Default 0.03.
   float pull;  // Weight of half the squared distance from the start in the loss. Default 1e-3.
 } sv_appearance_cfg;

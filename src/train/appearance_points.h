@@ -25,9 +25,9 @@ typedef struct {
   int view[SV_APPEARANCE_CAP_VIEWS];
   sv_appearance_seen *seen; // [n_points][n_views]
   // Of the search.
-  int stride;       // points are one of so many Gaussians
-  float *reach;     // [n_points] half the side of the square that is averaged, in the scene's unit
-  float light[256]; // of display values
+  float (*point)[3]; // [n_points]
+  float *reach;      // [n_points] half the side of the square that is averaged, in the scene's unit
+  float light[256];  // of display values
 } sv_appearance_points;
 
 size_t sv_appearance_points_bytes(const sv_train_cfg *cfg); // scratch that it takes

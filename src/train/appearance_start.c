@@ -11,21 +11,24 @@
 #define CAP_CAMERAS (SV_CAP_APPEARANCE_UNKNOWNS / 3)
 #define N_TURNS     4 // of gains and falloff, and matrices
 #define MIN_POINTS  64
-// What is known of lenses before anything is seen: f1 and f2 are 0 +- 0.7 and 0 +- 0.3. In
-// observations, SV_APPEARANCE_ALIKE of which count as one, with logarithms that are 0.05 off.
-#define PRIOR_F1 0.2
-#define PRIOR_F2 1.0
-#define RIDGE    1e-7 // of the mean of the diagonal: what nothing tells stays 0
+// What is known of lenses before anything is seen, as standard deviations of f1 and f2: about 0,
+// and of each camera about the cameras' mean. Cameras of one device are made alike, and what one
+// camera alone sees tells nothing of its falloff.
+#define N_FALLOFF 2
+static const double falloff_sigma[N_FALLOFF] = {1.0, 0.4}, unlike_sigma[N_FALLOFF] = {0.28, 0.14};
+
+#define RIDGE 1e-7 // of the mean of the diagonal: what nothing tells stays 0
 // What lenses leave of the light towards the corners. Where views hardly overlap, or what they see
 // is badly placed, the falloff that fits best is none of a lens: then it is not estimated.
 #define LEAST_LIGHT 0.15
 #define MOST_LIGHT  1.15
 // Natural logarithm: residuals from here on count less, in the first round and, halved each round,
 // in the end. Small from the start, exposures that differ much would be taken for outliers.
-#define FIRST_SPREAD 2.0
-#define SPREAD       0.1
-#define MIXING       5.0 // standard deviations at which a term off the diagonal is no accident
-#define UNKNOWN      0.1 // a gain whose logarithm is that uncertain is not known
+#define FIRST_SPREAD      2.0
+#define SPREAD            0.1
+#define MIXING            5.0  // standard deviations at which a term off the diagonal is real
+#define UNCERTAIN_FALLOFF 0.25 // of the light at the corner: one standard deviation
+#define UNKNOWN           0.1  // a gain whose logarithm is that uncertain is not known
 
 // What one view tells of one point: unknowns i with factors h.
 typedef struct {
@@ -42,8 +45,9 @@ typedef struct {
   double *a, *b, *x; // [n][n], [n], [n]
   double spread, sum_w, sum_we2;
   bool has_falloff;
-  bool is_mixed[CAP_CAMERAS];   // mixing was taken out of what the camera's views show:
-  double taken[CAP_CAMERAS][9]; // this
+  bool is_mixed[CAP_CAMERAS];        // mixing was taken out of what the camera's views show:
+  double taken[CAP_CAMERAS][9];      // this
+  sv_photometry before[CAP_CAMERAS]; // what was measured before
   // Of the point that is being added: the views that see it.
   row rows[SV_APPEARANCE_CAP_VIEWS];
   double w[SV_APPEARANCE_CAP_VIEWS], y[SV_APPEARANCE_CAP_VIEWS];
@@ -122,12 +126,28 @@ static void add_point(problem *p, const sv_appearance_seen *seen, int channel) {
     }
 }
 
+// Adds what is known of the falloffs, in observations: SV_APPEARANCE_ALIKE of them count as one,
+// each as uncertain as the residuals are.
+static void add_falloff_prior(problem *p) {
+  const double variance = SV_APPEARANCE_ALIKE * p->sum_we2 / p->sum_w;
+  const int n = p->n_cameras;
+  for (int k = 0; k < N_FALLOFF; k++) {
+    const double about_0 = variance / (falloff_sigma[k] * falloff_sigma[k]),
+                 about_mean = variance / (unlike_sigma[k] * unlike_sigma[k]);
+    for (int c = 0; c < n; c++) {
+      double *at = p->a + ((k + 1) * n + c) * p->n + (k + 1) * n;
+      at[c] += about_0 + about_mean;
+      for (int d = 0; d < n; d++) at[d] -= about_mean / n;
+    }
+  }
+}
+
 // Adds what is known beforehand, and fixes what the others are compared with.
 static void add_prior(problem *p, double mean) {
   const double fixed = 1e6 * mean;
   for (int i = 0; i < p->n; i++) p->a[i * (p->n + 1)] += RIDGE * mean;
-  for (int i = p->n_cameras; i < 3 * p->n_cameras; i++)
-    p->a[i * (p->n + 1)] += !p->has_falloff ? fixed : i < 2 * p->n_cameras ? PRIOR_F1 : PRIOR_F2;
+  if (p->has_falloff) add_falloff_prior(p);
+  for (int i = p->n_cameras; i < 3 * p->n_cameras && !p->has_falloff; i++) p->a[i * (p->n + 1)] += fixed;
   p->a[0] += fixed; // camera 0 and exposure 0
   if (p->n_exposures > 0) p->a[3 * p->n_cameras * (p->n + 1)] += fixed;
 }
@@ -186,8 +206,14 @@ static void falloff_of(const double f[2], double k[3]) {
   sv_photometry_fit(light, k);
 }
 
+// Adam goes on from here.
 static void keep_start(sv_appearance_group *g, int n) {
-  for (int i = 0; i < n; i++) memcpy(g[i].start, g[i].p, sizeof g[i].start);
+  for (int i = 0; i < n; i++) {
+    memcpy(g[i].start, g[i].p, sizeof g[i].start);
+    memset(g[i].m, 0, sizeof g[i].m);
+    memset(g[i].v, 0, sizeof g[i].v);
+    g[i].n_steps = 0;
+  }
 }
 
 // Of a camera, the mean of the channels.
@@ -322,12 +348,20 @@ static bool is_certain(const problem *p) {
 
 static void set_groups(problem *p) {
   sv_appearance *a = &p->t->appearance;
-  if (!is_certain(p)) return;
   for (int c = 0; c < p->n_cameras; c++) set_camera(p, c);
-  for (int e = 1; e < p->n_exposures; e++)
+  for (int e = 1; e < p->n_exposures; e++) {
+    memset(a->exposure[e].p, 0, 9 * sizeof *a->exposure[e].p);
     for (int k = 0; k < 3; k++) a->exposure[e].p[4 * k] = sv_exp(p->solved[k][3 * p->n_cameras + e]);
+  }
   keep_start(a->camera, p->n_cameras);
   keep_start(a->exposure, p->n_exposures);
+}
+
+bool sv_appearance_is_uncertain(const sv_trainer *t) {
+  const sv_photometry *m = t->appearance.measured;
+  for (int c = 0; c < t->cfg.appearance.n_cameras; c++)
+    if (!m[c].is_known || m[c].falloff_sigma > UNCERTAIN_FALLOFF) return true;
+  return false;
 }
 
 sv_status sv_appearance_start(sv_trainer *t, sv_arena *scratch, int *n_points) {
@@ -344,7 +378,12 @@ sv_status sv_appearance_start(sv_trainer *t, sv_arena *scratch, int *n_points) {
     p->x = SV_TAKE(scratch, double, p->n);
     if ((s = scratch->status) >= 0) s = sv_appearance_points_find(&p->points, t, scratch);
   }
-  if (s >= 0 && (*n_points = p->points.n_shared) >= MIN_POINTS && estimate(p)) set_groups(p);
+  if (s >= 0 && (*n_points = p->points.n_shared) >= MIN_POINTS) {
+    const size_t bytes = (size_t)c->n_cameras * sizeof *p->before;
+    memcpy(p->before, t->appearance.measured, bytes);
+    if (estimate(p) && is_certain(p)) set_groups(p);
+    else memcpy(t->appearance.measured, p->before, bytes);
+  }
   sv_arena_reset(scratch, mark);
   return s;
 }

@@ -25,9 +25,13 @@ static size_t floors_bytes(const sv_trainer *t) {
   return t->cfg.min_scale_px > 0.0f ? (size_t)t->g.cap * sizeof *t->floor : 0;
 }
 
-// Sections APPC and APPE: what was learned of cameras and exposures.
+// Sections APPC and APPE: what was learned of cameras and exposures; APPM: what was measured of
+// cameras.
 static size_t cameras_bytes(const sv_trainer *t) {
   return (size_t)t->cfg.appearance.n_cameras * sizeof *t->appearance.camera;
+}
+static size_t measured_bytes(const sv_trainer *t) {
+  return (size_t)t->cfg.appearance.n_cameras * sizeof *t->appearance.measured;
 }
 static size_t exposures_bytes(const sv_trainer *t) {
   return cameras_bytes(t) ? (size_t)t->cfg.appearance.n_exposures * sizeof *t->appearance.exposure : 0;
@@ -39,8 +43,8 @@ static size_t light_bytes(const sv_trainer *t) { return (size_t)t->n_light * siz
 static size_t moments_bytes(const sv_trainer *t) { return rows_bytes(t) / sizeof(float) * sizeof *t->m; }
 
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
-  return SV_SECTIONS_OVERHEAD_BYTES + 18 * 40 + light_bytes(t) + floors_bytes(t) + cameras_bytes(t) +
-         exposures_bytes(t) + sizeof(head_t) + rows_bytes(t) + 2 * moments_bytes(t) +
+  return SV_SECTIONS_OVERHEAD_BYTES + 19 * 40 + light_bytes(t) + floors_bytes(t) + cameras_bytes(t) +
+         measured_bytes(t) + exposures_bytes(t) + sizeof(head_t) + rows_bytes(t) + 2 * moments_bytes(t) +
          (size_t)t->g.cap * sizeof(float) + (size_t)(t->cfg.cap_views + t->cfg.cap_regions) * sizeof(int) +
          (SV_TRAIN_HAS(t, checkpoint_bytes) ? t->hooks->checkpoint_bytes(t->hooked) : 0);
 }
@@ -77,6 +81,8 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   if (s >= 0 && t->floor) s = sv_sections_put(&w, "FLOR", t->floor, floors_bytes(t), err);
   if (s >= 0 && cameras_bytes(t))
     s = sv_sections_put(&w, "APPC", t->appearance.camera, cameras_bytes(t), err);
+  if (s >= 0 && cameras_bytes(t))
+    s = sv_sections_put(&w, "APPM", t->appearance.measured, measured_bytes(t), err);
   if (s >= 0 && exposures_bytes(t))
     s = sv_sections_put(&w, "APPE", t->appearance.exposure, exposures_bytes(t), err);
   if (s >= 0 && t->n_light) s = sv_sections_put(&w, "LITE", t->light, light_bytes(t), err);
@@ -164,6 +170,8 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   if (s >= 0 && t->floor) s = sv_sections_get(&r, "FLOR", t->floor, floors_bytes(t), err);
   if (s >= 0 && cameras_bytes(t))
     s = sv_sections_get(&r, "APPC", t->appearance.camera, cameras_bytes(t), err);
+  if (s >= 0 && cameras_bytes(t))
+    s = sv_sections_get(&r, "APPM", t->appearance.measured, measured_bytes(t), err);
   if (s >= 0 && exposures_bytes(t))
     s = sv_sections_get(&r, "APPE", t->appearance.exposure, exposures_bytes(t), err);
   if (s >= 0 && t->n_light) s = sv_sections_get(&r, "LITE", t->light, light_bytes(t), err);

@@ -217,16 +217,33 @@ static sv_status measure(sv_driver *d, const sv_trainer *t, float progress, sv_e
   return SV_OK;
 }
 
+// Before a step.
+static float progress_at(const sv_driver *d, const sv_trainer *t, uint32_t step) {
+  const sv_driver_cfg *c = &d->cfg;
+  const float of_limit = c->n_steps ? (float)step / (float)c->n_steps : (float)(t->trained_s / c->limit_s);
+  return sv_plateau_progress(&d->plateau, step, of_limit);
+}
+
+// Trained Gaussians lie closer to the surface than those of the start, and lie where depth maps
+// found nothing: they tell more of cameras and exposures. Moving ones lie elsewhere at other times.
+static sv_status measure_appearance(const sv_driver *d, sv_trainer *t, float progress, sv_err *err) {
+  static const float at[] = {0.25f, 0.5f};
+  bool is_due = false;
+  for (int i = 0; i < 2; i++) is_due |= d->progress < at[i] && progress >= at[i];
+  if (!is_due || !d->cfg.scratch || SV_TRAIN_HAS(t, set_time)) return SV_OK;
+  if (!sv_appearance_is_uncertain(t)) return SV_OK;
+  return start_appearance(t, d->cfg.scratch, err);
+}
+
 sv_status sv_driver_run(sv_driver *d, const sv_driver_cfg *cfg, sv_trainer *t, sv_err *err) {
   const double had_s = t->trained_s; // before the run that this one resumes was stopped
   *d = (sv_driver){.cfg = *cfg, .plateau.least_db_per_s = cfg->least_db_per_s};
   double t0_s = seconds(d), now_s = t0_s, line_s = t0_s;
+  d->progress = progress_at(d, t, t->step > 0 ? t->step - 1 : 0);
   for (;;) {
     d->train_s = now_s - t0_s;
     t->trained_s = had_s + d->train_s;
-    const float of_limit =
-        cfg->n_steps ? (float)t->step / (float)cfg->n_steps : (float)(t->trained_s / cfg->limit_s);
-    const float progress = sv_plateau_progress(&d->plateau, t->step, of_limit);
+    const float progress = progress_at(d, t, t->step);
     if (cfg->n_steps && progress >= 1.0f) return SV_OK;
     const bool is_over = progress >= 1.0f || (cfg->limit_s > 0 && t->trained_s >= cfg->limit_s);
     if (is_over && (!cfg->may_end || cfg->may_end(cfg->self))) return SV_OK;
@@ -240,6 +257,8 @@ sv_status sv_driver_run(sv_driver *d, const sv_driver_cfg *cfg, sv_trainer *t, s
     now_s += turn.away_s;
     if (turn.has_taken_time || turn.is_other_work) now_s = seconds(d);
     if (turn.is_other_work) continue;
+    if ((s = measure_appearance(d, t, progress, err)) < 0) return s;
+    d->progress = progress;
     if ((s = timed_step(d, t, scheduled, &now_s, err)) < 0) return s;
     if (sv_plateau_is_due(&d->plateau, progress, t->trained_s)) {
       if ((s = measure(d, t, progress, err)) < 0) return s;

@@ -81,6 +81,9 @@ typedef struct {
   // The run ends by itself when less than this is won a second on pixels that are kept from
   // training (src/train/plateau.h), as `measure` tells; 0: at its limits alone.
   double least_db_per_s;
+  // Of sv_driver_scratch_bytes, kept from the start: the cameras' colors are then measured again on
+  // the model as it has become, at a quarter and at half of the run. NULL: at the start alone.
+  sv_arena *scratch;
   sv_clock clock;     // of the machine
   sv_console console; // progress lines and the stop request; members may be NULL
   void *self;
@@ -105,6 +108,7 @@ typedef struct {
   sv_time_stats step_time; // of this run's steps; n is their number
   sv_step_stats last;
   sv_plateau plateau; // with cfg.least_db_per_s
+  float progress;     // before the last step
 } sv_driver;
 
 // Trains until a limit is reached. E_INTERRUPTED after a stop request; trained_s of the trainer is

@@ -82,7 +82,8 @@ static void make_problem(sv_appearance_group *camera, sv_appearance_group *expos
 
 // The gradient of view 3 without a step: with rates of 0.
 static void gradient(double sum[SV_APPEARANCE_SUMS]) {
-  t.cfg.appearance.lr_camera = t.cfg.appearance.lr_falloff = t.cfg.appearance.lr_exposure = 0;
+  t.cfg.appearance.lr_camera = t.cfg.appearance.lr_offset = 0;
+  t.cfg.appearance.lr_falloff = t.cfg.appearance.lr_exposure = 0;
   sv_planes_set_size(&t.grad, W, H);
   for (int c = 0; c < 3; c++) memcpy(t.grad.c[c], weights.c[c], (size_t)weights.stride * H * sizeof(float));
   sv_train_appear_bwd(&t, 3, &x, &t.views[3].view, 0.5f);

@@ -157,7 +157,7 @@ TEST(test_shared_light) {
   const double on = psnr(dir, "room,rig=phone", with), ideal = psnr(dir, "room,rig=phone", ",lock=shared");
   print_message("ideal %.2f dB; lock=shared %.2f dB, calibrated %.2f dB; lock=on, calibrated %.2f dB\n",
                 ideal, shared[0], shared[1], on);
-  assert_true(shared[0] < ideal - 1 && shared[1] > ideal - 0.2 && shared[1] > on);
+  assert_true(shared[0] < ideal - 1 && shared[1] > ideal - 0.2 && on > ideal - 0.6);
   assert_int_equal(temp_folder_remove(dir), 0);
 }
 

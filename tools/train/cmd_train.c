@@ -321,6 +321,7 @@ static sv_status train(run *r, sv_err *err) {
   const sv_driver_cfg cfg = {.n_steps = (uint32_t)r->n_steps,
                              .limit_s = r->limit_s,
                              .clock = r->session.clock,
+                             .scratch = &r->plan.scratch,
                              .console = r->session.console,
                              .self = r,
                              .before_step = call_prior};
