@@ -34,7 +34,7 @@ FIXTURE(setup) {
     }
     mask[y][x] = x + y < 45;
   }
-  return sv_lpips_open(&lpips, &err) == SV_OK ? 0 : -1;
+  return sv_lpips_open(&lpips, NULL, &err) == SV_OK ? 0 : -1;
 }
 
 FIXTURE(teardown) {

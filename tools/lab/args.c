@@ -168,6 +168,10 @@ static const sv_option table[] = {
      0, 0, 0},
     {"lpips", SV_OPT_FLAG, LAB_TRAIN | LAB_EVAL, 0, AT(has_lpips), 0,
      "also LPIPS (v0.1, SqueezeNet); train: with --eval", 0, 0, 0},
+    {"lpips-vgg", SV_OPT_TEXT, LAB_TRAIN | LAB_EVAL, 0, AT(lpips_vgg), "FILE",
+     "--lpips with VGG16, as papers have it, by these weights (made of yours by "
+     "tools/weights/convert_lpips.py)",
+     0, 0, 0},
     {"format", SV_OPT_WORD, LAB_EXPORT, LAB_EXPORT, AT(format),
      "ply|compressed-ply|splat|spz|sog|glb|html|delta|sequence", "output format", 0, 0, 0},
     {"for", SV_OPT_WORD, LAB_EXPORT, 0, AT(viewer), "supersplat|brush|niantic|blender",
@@ -313,6 +317,7 @@ static int check_together(const sv_tool_command *c, const lab_options *o) {
     return lab_usage(c->name, "--jobs has no effect with --%s", o->plan ? "plan" : "collect");
   if (c->bit == LAB_TRAIN && !o->is_eval && (o->mask || o->has_lpips))
     return lab_usage(c->name, "--%s needs --eval", o->mask ? "mask" : "lpips");
+  if (o->lpips_vgg && !o->has_lpips) return lab_usage(c->name, "--lpips-vgg needs --lpips");
   sv_dynamic_cfg scratch = sv_dynamic_defaults();
   if (o->motion && !(o->method && strcmp(o->method, "4dgs") == 0))
     return lab_usage(c->name, "--motion needs --model 4dgs");

@@ -44,11 +44,12 @@ typedef struct {
   const char *rig, *stream;
   const char *refine, *free_lenses, *images, *white; // of import, like the next two
   const char *clock;
-  double every_s;    // below 0: not given
-  const char *film;  // of render
-  double unit_m;     // 0: not given
-  double distance_m; // of info
-  double voxel;      // of mesh
+  const char *lpips_vgg; // of train and eval
+  double every_s;        // below 0: not given
+  const char *film;      // of render
+  double unit_m;         // 0: not given
+  double distance_m;     // of info
+  double voxel;          // of mesh
   const char *measure_from, *measure_to;
   long view;             // of measure
   long faces;            // of mesh; 0: all

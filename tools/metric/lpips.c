@@ -6,21 +6,22 @@
 #include <string.h>
 
 #include "src/format/crc32c.h"
+#include "tools/common/fileio.h"
+#include "tools/metric/features.h"
 #include "tools/metric/lpips_weights.h"
-#include "tools/metric/squeezenet.h"
 
-#define HEADER_BYTES  24
-#define LINEAR_FLOATS 2240 // 64 + 128 + 256 + 384 + 384 + 512 + 512
-#define LANES         8
-#define EPS           1e-10f
+#define HEADER_BYTES 24
+#define CAP_LINEAR   2240 // channels of all taps
+#define LANES        8
+#define EPS          1e-10f
 
 // How the networks of LPIPS see their input, which is in [-1,1]: (x - shift) / scale.
 static const float shift[3] = {-0.030f, -0.088f, -0.188f}, scale[3] = {0.458f, 0.448f, 0.450f};
 
 struct sv_lpips {
   sv_net net;
-  float linear[LINEAR_FLOATS]; // of all taps, one after the other
-  float *tap_map, *full_map;   // [height][width] of the largest tap, and of the image
+  float linear[CAP_LINEAR];  // of all taps, one after the other
+  float *tap_map, *full_map; // [height][width] of the largest tap, and of the image
   size_t cap_tap, cap_full;
 };
 
@@ -30,37 +31,54 @@ static uint32_t le32(const uint8_t *p) {
   return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
 }
 
-static sv_status check(const uint8_t *p, size_t bytes, sv_err *err) {
-  size_t n = SV_NET_FLOATS + LINEAR_FLOATS;
+static size_t n_linear(sv_net_kind kind) {
+  size_t n = 0;
+  for (int i = 0; i < sv_net_taps(kind); i++) n += (size_t)sv_net_tap_channels(kind, i);
+  return n;
+}
+
+static sv_status check(const char *name, const uint8_t *p, size_t bytes, size_t n, sv_err *err) {
   if (bytes != HEADER_BYTES + 4 * n || memcmp(p, "SVLPIPS1", 8) != 0 || le32(p + 8) != 4 || le32(p + 12) != n)
-    return sv_fail(err, SV_E_FORMAT, "the built-in LPIPS weights are not the expected %zu values", n);
+    return sv_fail(err, SV_E_FORMAT,
+                   "%s: not the expected %zu weights of LPIPS (tools/weights/convert_lpips.py)", name, n);
   if (sv_crc32c(0, p + HEADER_BYTES, 4 * n) != le32(p + 16))
-    return sv_fail(err, SV_E_FORMAT, "the built-in LPIPS weights are damaged (CRC)");
+    return sv_fail(err, SV_E_FORMAT, "%s: the weights of LPIPS are damaged (CRC)", name);
   return SV_OK;
 }
 
-sv_status sv_lpips_open(sv_lpips **out, sv_err *err) {
-  const uint8_t *p = sv_lpips_weights;
-  size_t n = SV_NET_FLOATS + LINEAR_FLOATS;
-  *out = NULL;
-  sv_status s = check(p, sv_lpips_weights_bytes(), err);
-  if (s != SV_OK) return s;
-  sv_lpips *l = calloc(1, sizeof *l);
+static sv_status unpack(sv_lpips *l, sv_net_kind kind, const uint8_t *p, sv_err *err) {
+  const size_t n = sv_net_floats(kind) + n_linear(kind);
   float *values = malloc(n * sizeof *values);
-  s = l && values ? SV_OK : SV_E_NOMEM;
+  sv_status s = values ? SV_OK : SV_E_NOMEM;
   for (size_t i = 0; s == SV_OK && i < n; i++) {
     uint32_t bits = le32(p + HEADER_BYTES + 4 * i);
     memcpy(&values[i], &bits, sizeof bits);
   }
-  if (s == SV_OK) s = sv_net_open(&l->net, values);
-  if (s == SV_OK) memcpy(l->linear, values + SV_NET_FLOATS, sizeof l->linear);
+  if (s == SV_OK) s = sv_net_open(&l->net, kind, values);
+  if (s == SV_OK) memcpy(l->linear, values + sv_net_floats(kind), n_linear(kind) * sizeof *values);
   free(values);
-  if (s == SV_OK) {
-    *out = l;
-    return SV_OK;
+  return s == SV_OK ? SV_OK : sv_fail(err, s, "no memory for the weights of LPIPS");
+}
+
+sv_status sv_lpips_open(sv_lpips **out, const char *vgg, sv_err *err) {
+  const sv_net_kind kind = vgg ? SV_NET_VGG : SV_NET_SQUEEZE;
+  const uint8_t *p = sv_lpips_weights;
+  size_t bytes = sv_lpips_weights_bytes();
+  void *file = NULL;
+  sv_lpips *l = calloc(1, sizeof *l);
+  *out = NULL;
+  sv_status s = l ? SV_OK : sv_fail(err, SV_E_NOMEM, "no memory for the weights of LPIPS");
+  if (s == SV_OK && vgg) {
+    s = sv_file_read(vgg, &file, &bytes, err);
+    p = file;
   }
-  free(l);
-  return sv_fail(err, s, "no memory for the weights of LPIPS");
+  if (s == SV_OK)
+    s = check(vgg ? vgg : "the built-in file", p, bytes, sv_net_floats(kind) + n_linear(kind), err);
+  if (s == SV_OK) s = unpack(l, kind, p, err);
+  free(file);
+  if (s == SV_OK) *out = l;
+  else free(l);
+  return s;
 }
 
 void sv_lpips_close(sv_lpips *l) {
@@ -162,7 +180,7 @@ static sv_status tap(void *arg, int i_tap, const sv_act *a, const sv_act *b) {
   j->a = a;
   j->b = b;
   sv_pool_run(j->pool, map_task, j, a->height);
-  j->linear += sv_net_tap_channels(i_tap);
+  j->linear += sv_net_tap_channels(j->l->net.kind, i_tap);
   if (j->map) {
     sv_pool_run(j->pool, enlarge_task, j, j->im->height);
     return SV_OK;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // LPIPS (Zhang et al., CVPR 2018, "The Unreasonable Effectiveness of Deep Features as a Perceptual
-// Metric"), version 0.1 with SqueezeNet 1.1: lower is more alike, 0 for equal pictures. The weights
-// are part of the program (tools/weights). The bits of a result depend on nothing but the images,
-// not on the number of threads.
+// Metric"), version 0.1: lower is more alike, 0 for equal pictures. The weights of SqueezeNet 1.1
+// are part of the program (tools/weights); those of VGG16 come from a file of the user's. The bits
+// of a result depend on nothing but the images, not on the number of threads.
 #ifndef SV_TOOLS_METRIC_LPIPS_H
 #define SV_TOOLS_METRIC_LPIPS_H
 
@@ -17,9 +17,10 @@ extern "C" {
 
 typedef struct sv_lpips sv_lpips;
 
-// Unpacks the weights. Close also takes NULL. Buffers grow with the largest image: about 500 bytes
-// a pixel.
-sv_status sv_lpips_open(sv_lpips **out, sv_err *err) SV_MUST_USE;
+// Unpacks the weights: those of the program, or of VGG16 from the file `vgg` when it is not NULL,
+// as tools/weights/convert_lpips.py writes it. Close also takes NULL. Buffers grow with the largest
+// image: about 500 bytes a pixel, with VGG16 1,000.
+sv_status sv_lpips_open(sv_lpips **out, const char *vgg, sv_err *err) SV_MUST_USE;
 void sv_lpips_close(sv_lpips *l);
 
 // im: three channels, values in [0,1] (mapped to [-1,1] as the network was trained). *out: mean

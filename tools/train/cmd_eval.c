@@ -73,6 +73,7 @@ static sv_status evaluate(run *r, sv_err *err) {
                       .g = &r->model.g,
                       .motion = lab_model_motion(&r->model),
                       .has_lpips = r->o->has_lpips,
+                      .lpips_vgg = r->o->lpips_vgg,
                       .is_aligned = r->o->is_refining,
                       .mask_from = r->o->mask ? &train : NULL,
                       .is_by_support = r->o->mask && sv_str_eq(r->o->mask, "supported"),

@@ -367,6 +367,7 @@ static sv_status evaluate(run *r, sv_err *err) {
                       .panel_folder = folder,
                       .n_panels = N_PANELS,
                       .has_lpips = r->o->has_lpips,
+                      .lpips_vgg = r->o->lpips_vgg,
                       .is_aligned = r->is_aligned,
                       .mask_from = r->o->mask ? &train : NULL,
                       .is_by_support = r->o->mask && sv_str_eq(r->o->mask, "supported")};

@@ -414,9 +414,10 @@ sv_status lab_evaluate(const lab_views *v, const lab_eval_job *job, lab_scores *
                                                    .cap_pixels = v->cap_floats},
                                  err);
   if (s != SV_OK) return s;
-  if (job->has_lpips) s = sv_lpips_open(&r.lpips, err);
+  if (job->has_lpips) s = sv_lpips_open(&r.lpips, job->lpips_vgg, err);
   if (s == SV_OK) s = open_masks(&r, out, err);
   out->has_lpips = job->has_lpips;
+  out->is_vgg = job->lpips_vgg != NULL;
   out->is_aligned = job->is_aligned;
   out->n_with_mask = v->n_masked;
   r.slots = calloc((size_t)r.n_slots, sizeof *r.slots);

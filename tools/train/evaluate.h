@@ -35,6 +35,7 @@ typedef struct {
   void (*on_view)(void *of, const lab_scored_view *v);
   void *of;
   bool has_lpips;
+  const char *lpips_vgg; // file of weights: LPIPS with VGG16 instead of SqueezeNet; NULL: none
   // Each view's pose is refined against the model before it is scored, for models whose training
   // moved the poses: their world is not quite that of the held-out ones (as Lin et al. 2021, BARF).
   bool is_aligned;
@@ -69,8 +70,8 @@ typedef struct {
   double counted;             // mean share of those
   bool is_aligned;            // poses were refined before the views were scored
   double turned_deg, shifted; // means by which they moved; units of the scene
-  bool has_lpips;
-  const char *covisible_by; // "depth", "flow", or "support"; NULL without masks
+  bool has_lpips, is_vgg;     // is_vgg: LPIPS is that of VGG16
+  const char *covisible_by;   // "depth", "flow", or "support"; NULL without masks
   bool is_by_support;
   double load_s, render_s, compare_s;
 } lab_scores;

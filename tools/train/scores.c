@@ -22,7 +22,7 @@ static void report_masked(lab_report *j, const lab_masked_scores *m, const char 
 void lab_scores_report(lab_report *j, const lab_scores *s) {
   lab_report_num(j, "psnr", s->psnr);
   lab_report_num(j, "ssim", s->ssim);
-  if (s->has_lpips) lab_report_num(j, "lpips_squeeze", s->lpips);
+  if (s->has_lpips) lab_report_num(j, s->is_vgg ? "lpips_vgg" : "lpips_squeeze", s->lpips);
   if (s->n_depth) {
     lab_report_num(j, "abs_rel", s->abs_rel);
     lab_report_num(j, "rmse", s->rmse);
@@ -46,7 +46,7 @@ void lab_scores_report(lab_report *j, const lab_scores *s) {
 
 void lab_scores_print(const lab_scores *s) {
   printf("PSNR %.2f dB, SSIM %.4f", s->psnr, s->ssim);
-  if (s->has_lpips) printf(", LPIPS %.4f", s->lpips);
+  if (s->has_lpips) printf(", LPIPS%s %.4f", s->is_vgg ? " (VGG)" : "", s->lpips);
   if (s->n_depth) printf(", depth AbsRel %.4f, RMSE %.4f", s->abs_rel, s->rmse);
   if (s->n_with_mask) printf(" over the %.1f %% of the pixels that masks leave", 100 * s->counted);
   if (s->is_aligned)
@@ -67,7 +67,7 @@ void lab_scores_print(const lab_scores *s) {
 void lab_time_scores_report(lab_report *j, const lab_scores *s) {
   lab_report_num(j, "time_psnr", s->psnr);
   lab_report_num(j, "time_ssim", s->ssim);
-  if (s->has_lpips) lab_report_num(j, "time_lpips_squeeze", s->lpips);
+  if (s->has_lpips) lab_report_num(j, s->is_vgg ? "time_lpips_vgg" : "time_lpips_squeeze", s->lpips);
   if (s->n_depth) lab_report_num(j, "time_abs_rel", s->abs_rel);
   lab_report_int(j, "time_views", s->n);
 }

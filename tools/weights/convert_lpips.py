@@ -1,18 +1,20 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes tools/weights/lpips_squeeze.bin from the two PyTorch files that LPIPS "squeeze" v0.1 is made of.
+"""Writes the weights of LPIPS v0.1 from the two PyTorch files that it is made of.
 
     convert_lpips.py squeezenet1_1_features.pth lpips_v0.1_squeeze_lin.pth lpips_squeeze.bin
+    convert_lpips.py vgg16-397923af.pth lpips_v0.1_vgg_lin.pth lpips_vgg.bin
 
-The files are torchvision's SqueezeNet 1.1 (only "features") and the LPIPS v0.1 linear layers, in PyTorch's
-older format: five pickles, then the bytes of each storage. Nothing but the standard library is needed. Pickles
+The first line makes tools/weights/lpips_squeeze.bin, the second a file for `subview-lab eval --lpips --lpips-vgg`.
+The files are torchvision's SqueezeNet 1.1 (only "features") or VGG16, and the LPIPS v0.1 linear layers, in
+PyTorch's older format: five pickles, then the bytes of each storage. Nothing but the standard library is needed. Pickles
 are read with a closed list of names, so a file cannot run code. The output depends on the input's numbers only.
 
 The output, little endian:
     char magic[8] = "SVLPIPS1", uint32 bytes of a value (4), uint32 number of values, uint32 CRC-32C of the
-    values, uint32 0, then the values as float32: each convolution in the network's order (0, then squeeze,
-    expand1x1, expand3x3 of the fire modules 3, 4, 6, 7, 9, 10, 11, 12) as weight [out][in][ky][kx] and
-    bias [out], then the seven linear layers [channels].
+    values, uint32 0, then the values as float32: each convolution in the network's order (SqueezeNet: 0, then
+    squeeze, expand1x1, expand3x3 of the fire modules 3, 4, 6, 7, 9, 10, 11, 12) as weight [out][in][ky][kx] and
+    bias [out], then the seven (VGG: five) linear layers [channels].
 """
 import array
 import collections
@@ -22,6 +24,8 @@ import sys
 
 FIRES = (3, 4, 6, 7, 9, 10, 11, 12)
 LINEAR = (64, 128, 256, 384, 384, 512, 512)
+VGG = (0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28)
+VGG_LINEAR = (64, 128, 256, 512, 512)
 
 
 class Reader(pickle.Unpickler):
@@ -85,12 +89,16 @@ def main():
     if len(sys.argv) != 4:
         raise SystemExit(__doc__)
     net, linear = load(sys.argv[1]), load(sys.argv[2])
+    is_vgg = "features.28.weight" in net
     names = ["0"] + [f"{i}.{part}" for i in FIRES for part in ("squeeze", "expand1x1", "expand3x3")]
+    if is_vgg:
+        names = [f"features.{i}" for i in VGG]
+        net = {name: v for name, v in net.items() if not name.startswith("classifier.")}
     values = array.array("f")
     for name in names:
         for part in ("weight", "bias"):
             values.extend(net.pop(f"{name}.{part}")[1])
-    for i, n in enumerate(LINEAR):
+    for i, n in enumerate(VGG_LINEAR if is_vgg else LINEAR):
         sizes, v = linear.pop(f"lin{i}.model.1.weight")
         if sizes != (1, n, 1, 1):
             raise SystemExit(f"lin{i} has sizes {sizes}, not (1, {n}, 1, 1)")

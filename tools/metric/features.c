@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/metric/squeezenet.h"
+#include "tools/metric/features.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -19,8 +19,13 @@ static const struct {
 } fires[8] = {{64, 16, 64},   {128, 16, 64},  {128, 32, 128}, {256, 32, 128},
               {256, 48, 192}, {384, 48, 192}, {384, 64, 256}, {512, 64, 256}};
 
-static const int tap_channels[SV_NET_TAPS] = {64, 128, 256, 384, 384, 512, 512};
-int sv_net_tap_channels(int i) { return tap_channels[i]; }
+// VGG16: 3x3 convolutions in five blocks, with pooling between them.
+static const struct { int n_convs, n_out; } blocks[5] = {{2, 64}, {2, 128}, {3, 256}, {3, 512}, {3, 512}};
+
+static const int tap_channels[2][SV_NET_CAP_TAPS] = {{64, 128, 256, 384, 384, 512, 512},
+                                                     {64, 128, 256, 512, 512}};
+int sv_net_taps(sv_net_kind kind) { return kind == SV_NET_VGG ? 5 : 7; }
+int sv_net_tap_channels(sv_net_kind kind, int i) { return tap_channels[kind][i]; }
 
 // [out][in][ky][kx] -> [out / 8][ky][kx][in][8]
 static void arrange(const sv_conv *c, const float *src, float *dst) {
@@ -32,21 +37,49 @@ static void arrange(const sv_conv *c, const float *src, float *dst) {
             (size_t)(o % LANES)] = *src++;
 }
 
-sv_status sv_net_open(sv_net *n, const float *values) {
+static sv_conv squeeze_conv(int i) {
+  // Of the fire module: squeeze, expand 1x1, expand 3x3.
+  const int f = (i - 1) / 3, part = (i - 1) % 3;
+  if (i == 0) return (sv_conv){.n_in = 3, .n_out = 64, .k = 3, .stride = 2};
+  if (part == 0) return (sv_conv){.n_in = fires[f].n_in, .n_out = fires[f].n_squeeze, .k = 1, .stride = 1};
+  return (sv_conv){
+      .n_in = fires[f].n_squeeze, .n_out = fires[f].n_expand, .k = part == 1 ? 1 : 3, .stride = 1};
+}
+
+static sv_conv vgg_conv(int i) {
+  int b = 0, n_in = 3;
+  for (; i >= blocks[b].n_convs; b++) {
+    i -= blocks[b].n_convs;
+    n_in = blocks[b].n_out;
+  }
+  return (sv_conv){.n_in = i ? blocks[b].n_out : n_in, .n_out = blocks[b].n_out, .k = 3, .stride = 1};
+}
+
+static int n_convs(sv_net_kind kind) { return kind == SV_NET_VGG ? 13 : SV_NET_CAP_CONVS; }
+
+static sv_conv conv_of(sv_net_kind kind, int i) { return kind == SV_NET_VGG ? vgg_conv(i) : squeeze_conv(i); }
+
+static size_t n_weights_of(const sv_conv *c) { return (size_t)(c->n_in * c->n_out * c->k * c->k); }
+
+size_t sv_net_floats(sv_net_kind kind) {
+  size_t n = 0;
+  for (int i = 0; i < n_convs(kind); i++) {
+    const sv_conv c = conv_of(kind, i);
+    n += n_weights_of(&c) + (size_t)c.n_out;
+  }
+  return n;
+}
+
+sv_status sv_net_open(sv_net *n, sv_net_kind kind, const float *values) {
   memset(n, 0, sizeof *n);
-  n->weights = aligned_alloc(64, SV_NET_FLOATS * sizeof(float));
+  n->kind = kind;
+  n->weights = aligned_alloc(64, (sv_net_floats(kind) * sizeof(float) + 63) / 64 * 64);
   if (!n->weights) return SV_E_NOMEM;
   float *to = n->weights;
-  for (int i = 0; i < SV_NET_CONVS; i++) {
-    int f = (i - 1) / 3, part = (i - 1) % 3; // of the fire module: squeeze, expand 1x1, expand 3x3
+  for (int i = 0; i < n_convs(kind); i++) {
     sv_conv *c = &n->conv[i];
-    if (i == 0) *c = (sv_conv){.n_in = 3, .n_out = 64, .k = 3, .stride = 2};
-    else if (part == 0)
-      *c = (sv_conv){.n_in = fires[f].n_in, .n_out = fires[f].n_squeeze, .k = 1, .stride = 1};
-    else
-      *c = (sv_conv){
-          .n_in = fires[f].n_squeeze, .n_out = fires[f].n_expand, .k = part == 1 ? 1 : 3, .stride = 1};
-    size_t n_weights = (size_t)(c->n_in * c->n_out * c->k * c->k), n_out = (size_t)c->n_out;
+    *c = conv_of(kind, i);
+    const size_t n_weights = n_weights_of(c), n_out = (size_t)c->n_out;
     c->weight = to;
     c->bias = to + n_weights; // all counts are multiples of 8: everything stays aligned
     arrange(c, values, to);
@@ -123,10 +156,12 @@ static void conv_task(void *arg, int i_task, int i_thread) {
   }
 }
 
-// --- pooling: 3x3, stride 2, a last window may stick out (ceil mode) -----------------------------
+// --- pooling ------------------------------------------------------------------------------------
 
+// Stride 2. SqueezeNet 3x3, where a last window may stick out (ceil mode); VGG 2x2.
 typedef struct {
   const sv_act *in, *out; // [2]
+  int side;               // of the window
 } pool_job;
 
 static int pooled(int n) { return (n - 2) / 2 + 1; } // ceil((n - 3) / 2) + 1
@@ -139,8 +174,8 @@ static void pool_task(void *arg, int i_task, int i_thread) {
   for (int x = 0; x < out->width; x++) {
     float *to = sv_act_at(out, y, x);
     memcpy(to, sv_act_at(in, 2 * y, 2 * x), (size_t)in->n_channels * sizeof(float));
-    for (int t = 1; t < 9; t++) {
-      int yy = 2 * y + t / 3, xx = 2 * x + t % 3;
+    for (int t = 1; t < j->side * j->side; t++) {
+      int yy = 2 * y + t / j->side, xx = 2 * x + t % j->side;
       if (yy >= in->height || xx >= in->width) continue;
       const float *from = sv_act_at(in, yy, xx);
       for (int c = 0; c < in->n_channels; c++) to[c] = from[c] > to[c] ? from[c] : to[c];
@@ -195,7 +230,7 @@ static void pool_layer(sv_net *n, sv_act a[2], int *i_buffer, const sv_pool *poo
   *i_buffer ^= 1;
   for (int p = 0; p < 2; p++)
     out[p] = act_make(n, p, *i_buffer, pooled(a[p].width), pooled(a[p].height), a[p].n_channels);
-  pool_job j = {.in = a, .out = out};
+  pool_job j = {.in = a, .out = out, .side = 3};
   sv_pool_run(pool, pool_task, &j, 2 * out[0].height);
   memcpy(a, out, sizeof out);
 }
@@ -217,20 +252,23 @@ static void fire_layer(sv_net *n, int i_fire, sv_act a[2], int *i_buffer, const 
   memcpy(a, out, sizeof out);
 }
 
-sv_status sv_net_run(sv_net *n, const sv_net_job *job, const sv_pool *pool) {
+static void load_input(sv_net *n, const sv_net_job *job, sv_act a[2]) {
+  for (int p = 0; p < 2; p++) {
+    a[p] = act_make(n, p, 0, job->width, job->height, 3);
+    for (int y = 0; y < job->height; y++)
+      for (int x = 0; x < job->width; x++) job->pixel(job->arg, p, y, x, sv_act_at(&a[p], y, x));
+  }
+}
+
+static sv_status run_squeeze(sv_net *n, const sv_net_job *job, const sv_pool *pool) {
   // What comes after the first convolution: P pools, F runs the next fire module, T is a tap.
   static const char layers[] = "TPFFTPFFTPFTFTFTFT";
   int w = job->width, h = job->height, i_buffer = 1, i_tap = 0, i_fire = 0;
   sv_act a[2], first[2];
-  if (w < 17 || h < 17) return SV_E_RANGE;
   sv_status s = reserve_all(n, w, h);
   if (s != SV_OK) return s;
-  for (int p = 0; p < 2; p++) {
-    a[p] = act_make(n, p, 0, w, h, 3);
-    for (int y = 0; y < h; y++)
-      for (int x = 0; x < w; x++) job->pixel(job->arg, p, y, x, sv_act_at(&a[p], y, x));
-    first[p] = act_make(n, p, 1, (w - 3) / 2 + 1, (h - 3) / 2 + 1, 64);
-  }
+  load_input(n, job, a);
+  for (int p = 0; p < 2; p++) first[p] = act_make(n, p, 1, (w - 3) / 2 + 1, (h - 3) / 2 + 1, 64);
   convolve(&n->conv[0], a, first, 0, 0, pool);
   memcpy(a, first, sizeof a);
   for (const char *l = layers; *l && s == SV_OK; l++) {
@@ -239,4 +277,60 @@ sv_status sv_net_run(sv_net *n, const sv_net_job *job, const sv_pool *pool) {
     else s = job->tap(job->arg, i_tap++, &a[0], &a[1]);
   }
   return s;
+}
+
+// --- VGG16 ---------------------------------------------------------------------------------------
+
+// The border pads the next convolution.
+static void clear_border(const sv_act *a) {
+  const size_t row = (size_t)(a->width + 2) * (size_t)a->n_channels;
+  memset(a->px, 0, row * sizeof(float));
+  memset(a->px + row * (size_t)(a->height + 1), 0, row * sizeof(float));
+  for (int y = 0; y < a->height; y++) {
+    memset(sv_act_at(a, y, -1), 0, (size_t)a->n_channels * sizeof(float));
+    memset(sv_act_at(a, y, a->width), 0, (size_t)a->n_channels * sizeof(float));
+  }
+}
+
+static void halve(sv_net *n, sv_act a[2], int *i_buffer, const sv_pool *pool) {
+  sv_act out[2];
+  *i_buffer ^= 1;
+  for (int p = 0; p < 2; p++)
+    out[p] = act_make(n, p, *i_buffer, a[p].width / 2, a[p].height / 2, a[p].n_channels);
+  pool_job j = {.in = a, .out = out, .side = 2};
+  sv_pool_run(pool, pool_task, &j, 2 * out[0].height);
+  memcpy(a, out, sizeof out);
+}
+
+static sv_status run_vgg(sv_net *n, const sv_net_job *job, const sv_pool *pool) {
+  int w = job->width, h = job->height, i_buffer = 0, i_conv = 0;
+  size_t most = 0;
+  sv_act a[2], out[2];
+  for (int b = 0; b < 5; b++) {
+    const size_t floats = act_floats(w >> b, h >> b, blocks[b].n_out);
+    if (floats > most) most = floats;
+  }
+  sv_status s = reserve(n, 0, most);
+  if (s == SV_OK) s = reserve(n, 1, most);
+  if (s != SV_OK) return s;
+  load_input(n, job, a);
+  for (int b = 0; s == SV_OK && b < 5; b++) {
+    if (b) halve(n, a, &i_buffer, pool);
+    for (int i = 0; i < blocks[b].n_convs; i++) {
+      i_buffer ^= 1;
+      for (int p = 0; p < 2; p++) {
+        clear_border(&a[p]);
+        out[p] = act_make(n, p, i_buffer, a[p].width, a[p].height, blocks[b].n_out);
+      }
+      convolve(&n->conv[i_conv++], a, out, 0, 1, pool);
+      memcpy(a, out, sizeof a);
+    }
+    s = job->tap(job->arg, b, &a[0], &a[1]);
+  }
+  return s;
+}
+
+sv_status sv_net_run(sv_net *n, const sv_net_job *job, const sv_pool *pool) {
+  if (job->width < 17 || job->height < 17) return SV_E_RANGE;
+  return n->kind == SV_NET_VGG ? run_vgg(n, job, pool) : run_squeeze(n, job, pool);
 }

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The convolution layers of SqueezeNet 1.1 (Iandola et al. 2016; layout of torchvision's
-// `features`), forward only. Images are [y][x][channel] floats. Sums run in one order, without
-// fused multiply-add: the same bits on every machine and for any number of threads.
-#ifndef SV_TOOLS_METRIC_SQUEEZENET_H
-#define SV_TOOLS_METRIC_SQUEEZENET_H
+// The convolution layers of SqueezeNet 1.1 (Iandola et al. 2016) and VGG16 (Simonyan and Zisserman
+// 2014), in the layout of torchvision's `features`, forward only. Images are [y][x][channel]
+// floats. Sums run in one order, without fused multiply-add: the same bits on every machine and for
+// any number of threads.
+#ifndef SV_TOOLS_METRIC_FEATURES_H
+#define SV_TOOLS_METRIC_FEATURES_H
 
 #include "src/port/port.h"
 
@@ -11,10 +12,10 @@
 extern "C" {
 #endif
 
-#define SV_NET_TAPS      7
-#define SV_NET_CONVS     25
-#define SV_NET_CAP_CHANS 512
-#define SV_NET_FLOATS    722496 // weights and biases of all convolutions
+#define SV_NET_CAP_TAPS  7
+#define SV_NET_CAP_CONVS 25
+
+typedef enum { SV_NET_SQUEEZE, SV_NET_VGG } sv_net_kind;
 
 // One activation. There is one pixel of border on all sides; px is the border's first.
 typedef struct {
@@ -32,18 +33,21 @@ typedef struct {
 } sv_conv;
 
 typedef struct {
-  sv_conv conv[SV_NET_CONVS];
+  sv_net_kind kind;
+  sv_conv conv[SV_NET_CAP_CONVS];
   float *weights;      // of all of them, 64-byte aligned
   float *buffer[2][3]; // of the two images; grows
   size_t cap_floats[3];
 } sv_net;
 
-// values [SV_NET_FLOATS]: in the network's order, weight [out][in][ky][kx], then bias.
-sv_status sv_net_open(sv_net *n, const float *values) SV_MUST_USE;
+// Weights and biases of all convolutions.
+size_t sv_net_floats(sv_net_kind kind);
+// values [sv_net_floats]: in the network's order, weight [out][in][ky][kx], then bias.
+sv_status sv_net_open(sv_net *n, sv_net_kind kind, const float *values) SV_MUST_USE;
 void sv_net_close(sv_net *n);
 
-// Channels of tap i (0..6).
-int sv_net_tap_channels(int i);
+int sv_net_taps(sv_net_kind kind);
+int sv_net_tap_channels(sv_net_kind kind, int i);
 
 // Runs two images of the same size through the network side by side; after each layer that is
 // compared calls tap(arg, i, a, b). pixel(arg, i_picture, y, x, out[3]) gives the network's input.
