@@ -12,6 +12,7 @@
 
 #define N_TINY              500
 #define TINY_STEPS          12 // an exposure
+#define HISTORY_S           5.0
 #define LIVE_STEPS          30
 #define N_CLIP              25
 #define CLIP_STEPS          2000
@@ -89,7 +90,11 @@ TEST(five_hundred_exposures) {
   open_live("moving,rig=stereo,size=64x48,arc=0,fps=20", 4, 0.05, TINY_STEPS);
   w.cfg.train.n_gaussians = 400;
   w.cfg.train.sh_degree = 0;
+  w.cfg.history_s = HISTORY_S;
   run_flat();
+  const sv_history *h = &w.app.moving.history;
+  assert_true(h->n_added >= N_TINY && h->n_lost == 0 && sv_history_used_bytes(h) <= h->cap_bytes);
+  assert_true(sv_history_span_ns(h) >= (sv_ns)(HISTORY_S * 1e9));
   assert_true(last_sum / N_PART > 20); // 13 dB is an empty picture
   world_close(&w);
 }
