@@ -116,6 +116,8 @@ void sv_odometry_finish(sv_odometry *o, sv_exposures *pool) {
   const bool is_whole = s->is_still && s->n_placed == s->n_exposures;
   o->is_tracked = !is_whole && s->n_placed >= MIN_LOCATED && s->n_points >= MIN_POINTS;
   if (!o->is_tracked) return;
+  double up[3];
+  if (sv_track_up(&o->tracker, up)) sv_track_turn_upright(&o->tracker, up);
   for (int e = 0; e < s->n_exposures; e++) {
     pool->exposure[e].rig_from_world = o->tracker.pose[e];
     pool->exposure[e].has_pose = o->tracker.is_placed[e];

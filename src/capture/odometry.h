@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Odometry: the rig's poses, for sources without them, tracked over the pool of exposures between
-// capture and training. The world is then the rig's frame at the first exposure. Owns the tracker
+// capture and training. The world is then about the rig's frame at the first exposure, turned so
+// that -y is up. Owns the tracker
 // and its workspace; poses that were found are written into the pool. Never captures, and never
 // runs while training does.
 #ifndef SV_CAPTURE_ODOMETRY_H

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Odometry of a rig: where it was for each exposure of a casual, handheld capture, one after the
-// other, and the points it saw. The world is the rig's frame at the first
-// exposure that could be placed; metres come from the rig's own baseline.
+// other, and the points it saw. The world is the rig's frame at the first exposure that could be
+// placed, until it is turned upright; metres come from the rig's own baseline.
 //
 // Corners (Shi and Tomasi) are tracked from exposure to exposure as patches, coarse to fine, and
 // matched between the sub-views of one exposure along their epipolar lines. What a point is, in all
@@ -167,6 +167,13 @@ typedef struct {
 // Finds places that were seen again (not when `again` is NULL), adjusts everything together and
 // sums up.
 void sv_tracker_finish(sv_tracker *t, const sv_track_pictures *again, sv_track_summary *out);
+
+// Up in the world of a trajectory that is finished: the normal of the main plane of the points where
+// that is nearly square to the rows of the cameras, else square to these, else the cameras' mean up
+// (upright.c). False without exposures that were placed.
+bool sv_track_up(const sv_tracker *t, double up[3]);
+// Turns the world, poses and points, so that this direction is -y, as in COLMAP's.
+void sv_track_turn_upright(sv_tracker *t, const double up[3]);
 
 // --- between the files of this folder ------------------------------------------------------------
 #define SV_TRACK_CAP_PLACES 512
