@@ -157,6 +157,17 @@ TEST(test_shared_light) {
   const double on = psnr(dir, "room,rig=phone", with), ideal = psnr(dir, "room,rig=phone", ",lock=shared");
   print_message("ideal %.2f dB; lock=shared %.2f dB, calibrated %.2f dB; lock=on, calibrated %.2f dB\n",
                 ideal, shared[0], shared[1], on);
+  // Calibrated again on pictures of which the earlier calibration gave the exposure times.
+  assert_int_equal(
+      shell_run("rm -rf '%s/cap'; '%s/subview' capture --source "
+                "sim:room,flat=0.33,rig=phone,size=160x120,exposures=4,gain=0.3,white=4500,lock=shared --rig "
+                "'%s/rig' --exposures 4 --out '%s/cap' --quiet 2>&1",
+                dir, shell_bin(), dir, dir),
+      0);
+  assert_int_equal(calibrate(dir, "--white", "wide ultrawide tele", ""), 0);
+  const double again = number_from(strstr(shell_out, "\"ultrawide\""), "\"gain_g\": ");
+  print_message("green of the second camera, calibrated again: %.4f\n", again);
+  assert_true(fabs(again - 1.3) < 0.013);
   assert_true(shared[0] < ideal - 1 && shared[1] > ideal - 0.2 && on > ideal - 0.6);
   assert_int_equal(temp_folder_remove(dir), 0);
 }

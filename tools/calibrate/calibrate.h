@@ -65,6 +65,9 @@ sv_status cal_read_rig(sv_rig *rig, const char *folder, void *block, sv_err *err
 // What an image shows of its sensor, where it lies in a capture folder whose capture.json tells
 // that (sensor.c). False: not known.
 bool cal_sensor_area(const char *picture, const int size_px[2], sv_sensor_area *out);
+// Exposure time of camera c's first picture over that of the first camera's, where captures tell
+// both and that all else was shared (lock=shared); else 1.
+double cal_exposure_share(const cal_boards *b, int c);
 
 // --- a command's frame (frame.c) -----------------------------------------------------------------
 // What a command works with: half of its block for what stays, half for what comes and goes.

@@ -146,6 +146,11 @@ static void advise(cal_advice *a, const cal_check *c) {
 
 static sv_status compare_light(const sv_rig *rig, const cal_boards *b, cal_check *c, sv_err *err) {
   cal_squares squares = {0};
+  // What a camera shows of light goes with its exposure time.
+  for (int i = 1; i < rig->n_sub_views; i++) {
+    const double share = cal_exposure_share(b, i);
+    for (int k = 0; k < 9; k++) rig->sub_views[i].photometric.color[k] *= share;
+  }
   sv_status s = cal_squares_read(&squares, rig, b, err);
   for (int i = 0; i < c->n_cameras && s == SV_OK; i++) {
     c->cameras[i].n_squares = cal_squares_compare(&squares, rig, i, c->cameras[i].light);

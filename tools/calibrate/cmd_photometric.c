@@ -89,9 +89,20 @@ static sv_status from_run(job *j, const cal_options *o, sv_err *err) {
   return s;
 }
 
+// Cameras of a rig that was calibrated before may have had exposure times by that: the calibration
+// is for equal ones.
+static void take_exposures_back(job *j, const cal_options *o) {
+  for (int i = 1; i < j->rig.n_sub_views; i++) {
+    const double share = cal_exposure_share(&j->boards, o->whites.n ? j->rig.sub_views[i].i_camera : i);
+    for (int k = 0; k < 9; k++) j->found[i].found.color[k] /= share;
+  }
+}
+
 static sv_status solve(job *j, const cal_options *o, lab_session *se, sv_err *err) {
   if (o->run) return from_run(j, o, err);
-  return o->whites.n ? from_white(j, o, err) : from_boards(j, o, se, err);
+  sv_status s = o->whites.n ? from_white(j, o, err) : from_boards(j, o, se, err);
+  if (s == SV_OK) take_exposures_back(j, o);
+  return s;
 }
 
 // --- what is told --------------------------------------------------------------------------------

@@ -16,30 +16,59 @@ static char *cut(char *path) {
   return slash + 1;
 }
 
-static bool look_up(const sv_capture *c, const char *folder, const int size_px[2], sv_sensor_area *out) {
-  for (int i = 0; i < c->n_cameras; i++) {
-    const sv_camera_caps *k = &c->cameras[i].caps;
-    if (strcmp(c->cameras[i].folder, folder) || k->width_px != size_px[0] || k->height_px != size_px[1])
-      continue;
-    *out = k->area;
-    return out->sensor_width_px > 0;
-  }
-  return false;
+// A capture that holds a picture, opened in block; folder and file are the picture's places in it.
+typedef struct {
+  sv_capture capture;
+  void *block;
+  char path[SV_CAP_PATH];
+  const char *folder, *file;
+} home;
+
+static bool open_home(home *h, const char *picture) {
+  char json[SV_CAP_PATH];
+  sv_err err;
+  h->block = NULL;
+  if (!sv_copy(h->path, sizeof h->path, picture)) return false;
+  h->file = cut(h->path);
+  h->folder = h->file ? cut(h->path) : NULL;
+  if (!h->folder || sv_path_join(json, sizeof json, h->path, "capture.json", &err) < 0 ||
+      !sv_path_exists(json))
+    return false;
+  if (!(h->block = malloc(ARENA_BYTES))) return false;
+  sv_arena arena = sv_arena_make(h->block, ARENA_BYTES);
+  return sv_capture_load(&h->capture, h->path, &arena, &err) >= 0;
+}
+
+// The camera of the picture; NULL: there is none.
+static const sv_capture_camera *camera_of(const home *h) {
+  for (int i = 0; i < h->capture.n_cameras; i++)
+    if (!strcmp(h->capture.cameras[i].folder, h->folder)) return &h->capture.cameras[i];
+  return NULL;
 }
 
 bool cal_sensor_area(const char *picture, const int size_px[2], sv_sensor_area *out) {
-  char path[SV_CAP_PATH], file[SV_CAP_PATH];
-  sv_err err;
-  sv_capture capture;
-  if (!sv_copy(path, sizeof path, picture) || !cut(path)) return false;
-  const char *folder = cut(path);
-  if (!folder || sv_path_join(file, sizeof file, path, "capture.json", &err) < 0 || !sv_path_exists(file))
-    return false;
-  void *block = malloc(ARENA_BYTES);
-  if (!block) return false;
-  sv_arena arena = sv_arena_make(block, ARENA_BYTES);
-  const bool is_found =
-      sv_capture_load(&capture, path, &arena, &err) >= 0 && look_up(&capture, folder, size_px, out);
-  free(block);
-  return is_found;
+  home h;
+  const sv_capture_camera *c = open_home(&h, picture) ? camera_of(&h) : NULL;
+  const bool is_found = c && c->caps.width_px == size_px[0] && c->caps.height_px == size_px[1];
+  if (is_found) *out = c->caps.area;
+  free(h.block);
+  return is_found && out->sensor_width_px > 0;
+}
+
+// 0: not told, or not alone different.
+static double exposure_s(const char *picture) {
+  home h;
+  double s = 0;
+  const sv_capture_camera *c = open_home(&h, picture) ? camera_of(&h) : NULL;
+  for (int i = 0; c && c->caps.is_light_shared && i < c->n_frames; i++)
+    if (!strcmp(c->frames[i].file, h.file)) s = sv_ns_to_s(c->frames[i].exposure_ns);
+  free(h.block);
+  return s;
+}
+
+double cal_exposure_share(const cal_boards *b, int c) {
+  if (c <= 0 || c >= b->n_cameras || !b->cameras[0].n_pictures || !b->cameras[c].n_pictures) return 1;
+  const double first_s = exposure_s(b->cameras[0].pictures[0].path),
+               this_s = exposure_s(b->cameras[c].pictures[0].path);
+  return first_s > 0 && this_s > 0 ? this_s / first_s : 1;
 }
