@@ -24,7 +24,9 @@ function option(line,    at, left) { # "  --name ARG   what it does"
   at = match(line, /  +/)
   left = at ? substr(line, 1, at - 1) : line
   sub(/ +$/, "", left)
-  print ".TP\n.B " plain(left)
+  left = plain(left)
+  gsub(/\|/, "|\\:", left) # long lists of words may break there
+  print ".TP\n.B " left
   if (at) print plain(substr(line, at + RLENGTH))
 }
 BEGIN { where = "top" }
