@@ -48,6 +48,7 @@ where == "top" && NF { # "PROGRAM: what it is"
 function begin_page() {
   sub(/(\.$|: .*)/, "", name)
   print ".TH " toupper(program) " 1 \"\" \"subview\" \"User Commands\""
+  print ".ad l" # a line of one long word cannot be stretched
   print ".SH NAME\n" plain(program) " \\- " plain(name) "\n.SH SYNOPSIS\n.B " plain(usage) "\n.SH DESCRIPTION"
   is_begun = 1
 }
