@@ -359,8 +359,9 @@ static void set_groups(problem *p) {
 
 bool sv_appearance_is_uncertain(const sv_trainer *t) {
   const sv_photometry *m = t->appearance.measured;
+  const bool is_alone = t->n_views <= t->cfg.appearance.n_cameras; // one exposure
   for (int c = 0; c < t->cfg.appearance.n_cameras; c++)
-    if (!m[c].is_known || m[c].falloff_sigma > UNCERTAIN_FALLOFF) return true;
+    if (!m[c].is_known || (is_alone && m[c].falloff_sigma > UNCERTAIN_FALLOFF)) return true;
   return false;
 }
 

@@ -13,7 +13,8 @@ extern "C" {
 #define SV_CAP_APPEARANCE_UNKNOWNS 256 // 3 a camera and 1 an exposure; with more all starts alike
 
 size_t sv_appearance_start_bytes(const sv_train_cfg *cfg); // scratch; 0 without appearance
-// Whether nothing is known of a camera, or little of its falloff.
+// Whether nothing is known of a camera, or, with one exposure, little of its falloff. (Several see
+// surfaces from many sides: what trained Gaussians add is less than what gloss takes.)
 bool sv_appearance_is_uncertain(const sv_trainer *t);
 // For a trainer whose Gaussians stand on the surface, with its views added. Solves
 //   log light(point, view) = color(point) + camera + exposure + f1 r^2 + f2 r^4
