@@ -10,6 +10,7 @@
 #include "src/base/rng.h"
 #include "src/loss/depth.h"
 #include "src/loss/pearson.h"
+#include "src/loss/smooth.h"
 #include "src/loss/photometric.h"
 #include "src/loss/tv.h"
 #include "tests/common/test.h"
@@ -440,6 +441,64 @@ static void check_depth(void) {
   float none = 3, grad = 0;
   uint8_t mask = 0;
   assert_true(sv_depth_loss(&(sv_depth_pair){&none, &none, &mask, 1, 1, 1, 1, 1}, &grad) == 0 && grad == 0);
+}
+
+// --- smoothness ----------------------------------------------------------------------------------
+
+enum { SMOOTH_W = 9, SMOOTH_H = 7, SMOOTH_S = 16, SMOOTH_N = SMOOTH_S * SMOOTH_H };
+
+static double smooth_pair(const double *d, const float *colour, int i, int j) {
+  const double off = fabs(d[i] - d[j]);
+  double contrast = 0;
+  for (int c = 0; c < 3; c++)
+    contrast += fabs((double)colour[c * SMOOTH_N + i] - (double)colour[c * SMOOTH_N + j]);
+  return off > 0.05 * 0.4 ? 0 : off / (1 + 10 * contrast);
+}
+
+static double smooth_double(const double *d, const float *colour, const uint8_t *mask) {
+  double sum = 0;
+  int n = 0;
+  for (int y = 0; y < SMOOTH_H; y++)
+    for (int x = 0; x < SMOOTH_W; x++) {
+      const int i = y * SMOOTH_S + x, right = i + 1, below = i + SMOOTH_S;
+      n += mask[i];
+      if (x + 1 < SMOOTH_W && mask[i] && mask[right]) sum += smooth_pair(d, colour, i, right);
+      if (y + 1 < SMOOTH_H && mask[i] && mask[below]) sum += smooth_pair(d, colour, i, below);
+    }
+  return 0.3 * sum / (0.4 * n);
+}
+
+static void check_smooth(void) {
+  static float depth[SMOOTH_N], colour[3 * SMOOTH_N], g[SMOOTH_N];
+  static double d[SMOOTH_N];
+  static uint8_t mask[SMOOTH_N];
+  sv_rng r = sv_rng_make(8, 1);
+  for (int i = 0; i < SMOOTH_N; i++) {
+    depth[i] = 0.4f + 0.02f * sv_rng_f(&r) + (i % 11 == 0 ? 0.3f : 0.0f); // some edges
+    d[i] = (double)depth[i];
+    mask[i] = i % 7 != 3;
+    for (int c = 0; c < 3; c++) colour[c * SMOOTH_N + i] = sv_rng_f(&r);
+  }
+  const sv_smooth_input in = {.depth = depth,
+                              .mask = mask,
+                              .colour = {colour, colour + SMOOTH_N, colour + 2 * SMOOTH_N},
+                              .width_px = SMOOTH_W,
+                              .height_px = SMOOTH_H,
+                              .stride = SMOOTH_S,
+                              .unit = 0.4f,
+                              .weight = 0.3f};
+  const double got = sv_smooth_loss(&in, g), want = smooth_double(d, colour, mask), step = 1e-7;
+  if (fabs(got - want) > 1e-5 * want) fail_msg("smooth: value %.9g, in double %.9g", got, want);
+  for (int i = 0; i < SMOOTH_N; i++) {
+    const double keep = d[i];
+    d[i] = keep + step;
+    const double plus = smooth_double(d, colour, mask);
+    d[i] = keep - step;
+    const double numeric = (plus - smooth_double(d, colour, mask)) / (2 * step);
+    d[i] = keep;
+    if (fabs(numeric - (double)g[i]) > 1e-6 + 1e-4 * fabs(numeric))
+      fail_msg("smooth pixel %d: gradient %.8g, numeric %.8g", i, (double)g[i], numeric);
+  }
 }
 
 // --- memory --------------------------------------------------------------------------------------

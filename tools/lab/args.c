@@ -62,8 +62,9 @@ static const sv_option table[] = {
      "column titles (the file names or, for model.ply, the folder names)", 0, 0, 0},
     {"views", SV_OPT_INT, LAB_COMPARE, 0, AT(n_views), "N",
      "rows of the sheet: views spread evenly over the split (3)", 1, 1000, 0},
-    {"prior", SV_OPT_TEXT, LAB_TRAIN, 0, AT(prior), "none|fsgs|sparsegs|[METHOD,]external:CMD",
-     "for few views: the depth losses, unpooling or pruning of these methods; or a program that repairs "
+    {"prior", SV_OPT_TEXT, LAB_TRAIN, 0, AT(prior), "none|fsgs|sparsegs|smooth|[METHOD,]external:CMD",
+     "for few views: the depth losses, unpooling or pruning of these methods; depth smooth but at edges; or "
+     "a program that repairs "
      "renderings or estimates depth, called with a folder (none)",
      0, 0, 0},
     {"prior", SV_OPT_TEXT, LAB_TABLES, 0, AT(prior), "external:CMD",
