@@ -63,16 +63,18 @@ static float opacity_weight(const sv_sampling *s, bool is_grid) {
 
 // Each step follows one view of many. Full rates until late win most, and a short fall at the end
 // takes the mean over the views (docs/notes/quality.md).
-#define SETTLE_FROM 0.8f
+#define SETTLE_FROM      0.8f
+#define SETTLE_EXPOSURES 6 // and more
 
-static void set_many_exposures(sv_train_cfg *cfg) {
-  cfg->relocate_share = RELOCATED_SHARE;
+static void set_many_exposures(sv_train_cfg *cfg, int n_exposures) {
+  if (n_exposures >= MANY_EXPOSURES) cfg->relocate_share = RELOCATED_SHARE;
+  if (n_exposures < SETTLE_EXPOSURES) return;
   cfg->settle_from = SETTLE_FROM;
   cfg->newton.rate_end = cfg->newton.rate_start;
 }
 
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
-  if (s->n_exposures >= MANY_EXPOSURES && !s->is_moving && !s->is_multiplexed) set_many_exposures(cfg);
+  if (!s->is_moving && !s->is_multiplexed) set_many_exposures(cfg, s->n_exposures);
   bool is_grid = s->n_sub_views >= GRID_VIEWS || s->is_multiplexed;
   // Lens images are coarser than the pictures that one looks at.
   if (is_grid) {

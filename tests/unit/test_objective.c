@@ -48,23 +48,23 @@ TEST(test_relocated_share) {
   }
 }
 
-// With many exposures of a still scene rates stay until late, then fall to the end; else they do
-// not settle.
+// With several exposures of a still scene rates stay until late, then fall to the end; else they
+// do not settle.
 TEST(test_settling) {
   assert_true(sv_train_settling(&(sv_train_cfg){.settle_from = 1, .settle_rate = 0.1f}, 1) == 1);
   for (int n = 1; n <= 30; n++) {
     const sv_train_cfg c = of(n, 2, false, false);
     float before = 1;
-    assert_true((c.settle_from < 1) == (n >= 18));
-    assert_true((c.newton.rate_end == c.newton.rate_start) == (n >= 18));
+    assert_true((c.settle_from < 1) == (n >= 6));
+    assert_true((c.newton.rate_end == c.newton.rate_start) == (n >= 6));
     assert_true(of(n, 2, false, true).settle_from == 1 && of(n, 16, true, false).settle_from == 1);
-    for (int i = 0; i <= 100 && n >= 18; i++) {
+    for (int i = 0; i <= 100 && n >= 6; i++) {
       const float factor = sv_train_settling(&c, 0.01f * (float)i);
       assert_true(factor <= before && (factor < 1) == (i > 80));
       before = factor;
     }
-    assert_true(n < 18 || (before > 0.0999f && before < 0.1001f));
-    assert_true(sv_train_settling(&c, 2) == before || n < 18);
+    assert_true(n < 6 || (before > 0.0999f && before < 0.1001f));
+    assert_true(sv_train_settling(&c, 2) == before || n < 6);
   }
 }
 
