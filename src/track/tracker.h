@@ -168,7 +168,7 @@ typedef struct {
 // sums up.
 void sv_tracker_finish(sv_tracker *t, const sv_track_pictures *again, sv_track_summary *out);
 
-// Up in the world of a trajectory that is finished: the normal of the main plane of the points where
+// Up in the world of a finished trajectory: the normal of the main plane of the points where
 // that is nearly square to the rows of the cameras, else square to these, else the cameras' mean up
 // (upright.c). False without exposures that were placed.
 bool sv_track_up(const sv_tracker *t, double up[3]);
