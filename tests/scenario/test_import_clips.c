@@ -103,6 +103,18 @@ TEST(test_sound) {
   lab_shell_run_well(&shell, "@ import --from capture a --out a.data --quiet");
 }
 
+// A folder of clips is what one trains on, imported once beside the output.
+TEST(test_train) {
+  lab_shell_need(&shell);
+  expect(1, "clips need --rig RIG", "@ train --data heard --steps 5 --out t");
+#define TRAIN(every)                                                                                         \
+  "@ train --data heard --rig cap/rig --every " every " --gaussians 200 --steps 5 --threads 1 --out t"
+  expect(0, "clips of several cameras; importing to t/data", TRAIN("0.5"));
+  assert_contains(shell.said, "4 exposures of 2 cameras");
+  expect(0, "imported before: t/data", TRAIN("0.5"));
+  expect(0, "9 exposures of 2 cameras", TRAIN("0.2"));
+}
+
 TEST(test_flash) {
   lab_shell_need(&shell);
 #define FLASH(from) "eq=brightness=0.3:enable=gte(t\\," from ")"
@@ -316,10 +328,11 @@ TEST(test_hostile_movie) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_sound),      cmocka_unit_test(test_flash),
-      cmocka_unit_test(test_container),  cmocka_unit_test(test_hostile_clips),
-      cmocka_unit_test(test_two_tracks), cmocka_unit_test(test_packed),
-      cmocka_unit_test(test_layers),     cmocka_unit_test(test_hostile_movie),
+      cmocka_unit_test(test_sound),         cmocka_unit_test(test_train),
+      cmocka_unit_test(test_flash),         cmocka_unit_test(test_container),
+      cmocka_unit_test(test_hostile_clips), cmocka_unit_test(test_two_tracks),
+      cmocka_unit_test(test_packed),        cmocka_unit_test(test_layers),
+      cmocka_unit_test(test_hostile_movie),
   };
   return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -15,30 +15,41 @@
 #include "tools/import/recording.h"
 
 #define NOTE_END ".from" // OUT/data.from tells what OUT/data comes from
-#define CAP_NOTE (PATH_MAX + 100)
+#define CAP_NOTE (2 * PATH_MAX + 100)
 
 extern char **environ;
 
-typedef enum { NOTHING, DATASET, COLMAP, CAPTURE, BOARD, QCA } kind;
+typedef enum { NOTHING, DATASET, COLMAP, CAPTURE, BOARD, QCA, CLIPS } kind;
 
 static const char *const kind_names[] = {"nothing",
                                          "a dataset",
                                          "a COLMAP folder",
                                          "a capture",
                                          "a recording with camera_array.toml",
-                                         "a recording with a Qualisys calibration"};
+                                         "a recording with a Qualisys calibration",
+                                         "clips of several cameras"};
 
 static bool has(const char *dir, const char *name, char path[SV_CAP_PATH]) {
   return sv_path_join(path, SV_CAP_PATH, dir, name, NULL) == SV_OK && sv_path_exists(path);
 }
 
-// What a folder holds, and the file that tells.
+static bool has_clips(const char *dir) {
+  sv_names names;
+  int n = 0;
+  if (sv_folder_list(dir, &names, NULL) != SV_OK) return false;
+  for (int i = 0; i < names.n; i++) n += lab_import_is_clip(names.names[i]);
+  sv_names_free(&names);
+  return n > 1;
+}
+
+// What a folder holds, and the file that tells; of clips, the folder.
 static kind kind_of(const char *dir, char mark[SV_CAP_PATH]) {
   if (has(dir, "transforms_train.json", mark) || has(dir, "transforms.json", mark)) return DATASET;
   if (has(dir, "capture.json", mark)) return CAPTURE;
   if (has(dir, "camera_array.toml", mark)) return BOARD;
   if (has(dir, "Calib.qca.txt", mark)) return QCA;
-  return lab_import_colmap_model(dir, mark) ? COLMAP : NOTHING;
+  if (lab_import_colmap_model(dir, mark)) return COLMAP;
+  return has_clips(dir) && sv_copy(mark, SV_CAP_PATH, dir) ? CLIPS : NOTHING;
 }
 
 // --- the note beside a folder of ours: is it of these files? ---------------------------------
@@ -127,8 +138,8 @@ static sv_status no_dataset(const char *dir, sv_err *err) {
   }
   return sv_fail(
       err, SV_E_NOT_FOUND,
-      "%.50s: holds %s; expected transforms.json, sparse/0/ (COLMAP), capture.json, camera_array.toml or "
-      "Calib.qca.txt; of pictures alone 'subview run --source replay:' finds poses",
+      "%.50s: holds %s; expected transforms.json, sparse/0/ (COLMAP), capture.json, camera_array.toml, "
+      "Calib.qca.txt or clips; of pictures alone 'subview run --source replay:' finds poses",
       dir, *list ? list : "nothing");
 }
 
@@ -138,7 +149,17 @@ static sv_status make_capture(kind k, const lab_options *o, lab_session *se, cha
   char out[SV_CAP_PATH];
   sv_status s = sv_path_join(out, sizeof out, o->out, "capture", err);
   sv_import_job job = {dir, out, se->console};
-  if (s == SV_OK) s = k == QCA ? sv_import_qca(&job, err) : sv_import_4cam_board(&job, err);
+  if (s == SV_OK && k == CLIPS) {
+    lab_options clips = *o;
+    clips.input = dir;
+    clips.out = out;
+    if (!o->rig) return sv_fail(err, SV_E_ARG, "%s: clips need --rig RIG, the rig of their cameras", dir);
+    lab_say(se,
+            "taking the cameras as standing still; of cameras that moved, 'subview run --source replay:%s' "
+            "finds poses",
+            out);
+    s = lab_import_multicam(&clips, se, err);
+  } else if (s == SV_OK) s = k == QCA ? sv_import_qca(&job, err) : sv_import_4cam_board(&job, err);
   if (s == SV_OK) sv_copy(dir, SV_CAP_PATH, out);
   return s;
 }
@@ -146,7 +167,7 @@ static sv_status make_capture(kind k, const lab_options *o, lab_session *se, cha
 static sv_status import(kind k, const lab_options *o, lab_session *se, char dir[SV_CAP_PATH], const char *to,
                         sv_err *err) {
   lab_import im = {0};
-  sv_status s = k == BOARD || k == QCA ? make_capture(k, o, se, dir, err) : SV_OK;
+  sv_status s = k == BOARD || k == QCA || k == CLIPS ? make_capture(k, o, se, dir, err) : SV_OK;
   if (s == SV_OK) s = k == COLMAP ? lab_import_colmap(&im, dir, err) : lab_import_capture(&im, dir, err);
   if (s == SV_OK) s = lab_import_write(&im, se, to, err);
   lab_import_free(&im);
@@ -158,6 +179,9 @@ static sv_status import_to(kind k, const lab_options *o, char dir[SV_CAP_PATH], 
   char note[CAP_NOTE];
   lab_session se;
   note_of(k, mark, note);
+  sv_str more = sv_str_make(note, sizeof note);
+  more.len = strlen(note);
+  if (k == CLIPS) sv_str_add(&more, "%s %g\n", o->rig ? o->rig : "", o->every_s);
   sv_status s = lab_session_start(&se, 1, o->is_quiet, err);
   if (s != SV_OK) return s;
   const bool is_there = is_noted(to, note);

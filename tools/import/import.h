@@ -88,6 +88,8 @@ sv_status lab_import_lenslet(lab_import *im, const lab_options *o, lab_session *
 // casual, dynamic, multiplexed and synthetic scenes, each a dataset of its own in OUT, with a
 // training file a device (tools/import/release.h).
 sv_status lab_import_release(const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;
+// Is it a video, by its name?
+bool lab_import_is_clip(const char *name);
 // A folder of clips, one a camera -> a capture folder on one clock.
 sv_status lab_import_multicam(const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;
 // A spatial video (tools/import/spatial.h) -> a capture folder with its rig.

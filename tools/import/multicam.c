@@ -33,7 +33,7 @@ typedef struct {
 
 // --- the clips -----------------------------------------------------------------------------------
 
-static bool is_clip(const char *name) {
+bool lab_import_is_clip(const char *name) {
   static const char *const ends[] = {".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".3gp"};
   for (size_t i = 0; i < sizeof ends / sizeof *ends; i++)
     if (strcasecmp(sv_path_extension(name), ends[i]) == 0) return true;
@@ -60,7 +60,7 @@ static sv_status find_clips(job *j, sv_err *err) {
   sv_status s = sv_folder_list(j->o->input, &names, err);
   if (s != SV_OK) return s;
   for (int i = 0; s == SV_OK && i < names.n; i++)
-    if (is_clip(names.names[i])) s = add_clip(j, names.names[i], err);
+    if (lab_import_is_clip(names.names[i])) s = add_clip(j, names.names[i], err);
   sv_names_free(&names);
   if (s == SV_OK && j->all.n < 2)
     s = sv_fail(err, SV_E_NOT_FOUND,

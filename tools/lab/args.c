@@ -17,7 +17,8 @@
 
 static const sv_option table[] = {
     {"data", SV_OPT_TEXT, DATA, DATA & ~LAB_RENDER, AT(data), "DIR",
-     "dataset: a folder with transforms JSON and images; train: also a COLMAP folder, a capture, or a .zip",
+     "dataset: a folder with transforms JSON and images; train: also a COLMAP folder, a capture, clips with "
+     "--rig, or a .zip",
      0, 0, 0},
     {"data", SV_OPT_TEXT, LAB_TABLES, LAB_TABLES, AT(data), "DIR[,DIR...]",
      "datasets with files transforms_train_DEVICE[_thetaT][_Nviews].json, or a folder of such datasets", 0, 0,
@@ -213,8 +214,9 @@ static const sv_option table[] = {
      "release|"
      "4cam-board|qca|kalibr|sim",
      "kind of the input (kalibr, dust3r, spatial: a file; vggt, megasam: a folder or .npz)", 0, 0, 0},
-    {"every", SV_OPT_REAL, LAB_IMPORT, 0, AT(every_s), "SEC",
-     "multicam, spatial, realsense, oak: keep one exposure in so many seconds (all)", 0.001, 1e6, 0},
+    {"every", SV_OPT_REAL, LAB_IMPORT | LAB_TRAIN, 0, AT(every_s), "SEC",
+     "of clips (import: multicam, spatial, realsense, oak): keep one exposure in so many seconds (all)",
+     0.001, 1e6, 0},
     {"clock", SV_OPT_WORD, LAB_IMPORT, 0, AT(clock), "auto|sound|flash|container",
      "multicam: what tells the clips' common time: sound, changes of the light, creation times; auto: the "
      "first "
@@ -231,6 +233,8 @@ static const sv_option table[] = {
      "lenslet, lytro: focus distance in meters (infinity)", 1e-5, 1e6, 0},
     {"white", SV_OPT_TEXT, LAB_IMPORT, 0, AT(white), "DIR",
      "lytro: the camera's white images MOD_*.TXT and MOD_*.RAW (white/ in the folder)", 0, 0, 0},
+    {"rig", SV_OPT_TEXT, LAB_TRAIN, 0, AT(rig), "DIR",
+     "--data is a folder of clips, one a camera of this rig, which stood still", 0, 0, 0},
     {"rig", SV_OPT_TEXT, LAB_IMPORT, 0, AT(rig), "DIR",
      "not for lenslet and capture: the poses are those of one camera of this rig; add all its sub-views; "
      "multicam: the capture's rig",
