@@ -108,9 +108,12 @@ typedef struct {
 // cameras), fov=DEG (of a single camera without a rig, for which a pinhole lens is then assumed).
 sv_status source_open(board_source *s, const source_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
 void source_close(board_source *s);
+bool source_tells_poses(const board_source *s); // of all exposures; else of none
 
 // Fits the rig to what the cameras deliver and makes its images smaller (sizes.c).
 sv_status sizes_fit(board_source *s, const source_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
+// Makes a sub-view's pictures and its mask smaller.
+sv_status sizes_reduce(sv_sub_view *v, const sv_reduction *r, sv_arena *arena, sv_err *err) SV_MUST_USE;
 
 // Readout times of sub-views whose rig has none, from the cameras. E_NOT_FOUND names one that does
 // not report it (sizes.c).

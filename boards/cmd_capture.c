@@ -406,7 +406,7 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
   if (sv_capture_has_frames(o->out))
     return sv_fail(err, SV_E_ARG, "%s: already holds a capture; choose another --out or remove it", o->out);
   if ((s = open_conversion(is_deep(o), arena, err)) < 0) return s;
-  if ((s = guide_init(&cap.guide, &cap.src, o->arc_deg, arena, err)) < 0) return s;
+  if ((s = guide_init(&cap.guide, &cap.src, o->arc_deg, &cap.kernels, arena, err)) < 0) return s;
   double scene[6];
   for (int i = 0; i < 3; i++) {
     double h = (double)cap.src.bounds.radius / sqrt(3.0);

@@ -69,12 +69,6 @@ static bool choose_sub_views(const char *list, const sv_rig *rig, uint64_t *mask
   return true;
 }
 
-// Sources either know all their rig's poses or none.
-static bool tells_poses(const sv_source *src) {
-  sv_pose pose;
-  return src->rig_pose && src->rig_pose(src->self, 0, &pose) >= 0;
-}
-
 // Which exposures are kept: as --every says, else as suits the source.
 static sv_spacing_cfg spacing_of(const run_options *o) {
   sv_spacing_cfg c = {.every_ns = (sv_ns)(o->every_s * 1e9), .is_by_motion = o->is_by_motion};
@@ -117,7 +111,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .dynamic = sv_dynamic_defaults(),
                   .steps = (uint32_t)o->steps,
                   .time_limit_s = o->time_limit,
-                  .is_tracking = !o->is_continuous && !tells_poses(&run.src.source),
+                  .is_tracking = !o->is_continuous && !source_tells_poses(&run.src),
                   .is_blur_kept = o->is_blur_kept,
                   .prior = (sv_prior_method)o->i_prior,
                   .optimizer = o->i_optimizer + 1,

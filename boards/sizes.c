@@ -30,6 +30,25 @@ static void tell(board_source *s, const sv_sub_view *was, const sv_sub_view *v, 
                "rig.json)");
 }
 
+// The mask of what the sub-view was, as map takes it to what it is now.
+static sv_status move_mask(sv_sub_view *v, const sv_sub_view *was, const sv_image_map *map, sv_arena *arena,
+                           sv_err *err) {
+  const int w = v->model.width_px, h = v->model.height_px;
+  uint8_t *mask = SV_TAKE(arena, uint8_t, (size_t)w * (size_t)h);
+  if (!mask) return sv_fail(err, SV_E_NOMEM, "no room for a mask of %dx%d pixels", w, h);
+  sv_mask_map(&(sv_mask_image){v->mask, was->model.width_px, was->model.height_px}, map,
+              &(sv_mask_image){NULL, w, h}, mask);
+  v->mask = mask;
+  return SV_OK;
+}
+
+sv_status sizes_reduce(sv_sub_view *v, const sv_reduction *r, sv_arena *arena, sv_err *err) {
+  const sv_sub_view was = *v;
+  sv_image_map map;
+  const sv_status s = sv_sub_view_reduce(v, r, &map, err);
+  return s < 0 || !v->mask ? s : move_mask(v, &was, &map, arena, err);
+}
+
 static sv_status fit_one(board_source *s, sv_sub_view *v, const source_cfg *cfg, sv_arena *arena,
                          sv_err *err) {
   const sv_camera_caps *c = &s->caps[v->i_camera];
@@ -41,15 +60,9 @@ static sv_status fit_one(board_source *s, sv_sub_view *v, const source_cfg *cfg,
   if (r < 0) return r;
   tell(s, &was, v, how);
   if (is_reduced(&cfg->reduction)) r = sv_sub_view_reduce(v, &cfg->reduction, &reduced, err);
-  const int w = v->model.width_px, h = v->model.height_px;
   if (r < 0 || !v->mask || (how == SV_FIT_SAME && !v->source_width_px)) return r;
-  uint8_t *mask = SV_TAKE(arena, uint8_t, (size_t)w * (size_t)h);
-  if (!mask) return sv_fail(err, SV_E_NOMEM, "no room for a mask of %dx%d pixels", w, h);
   const sv_image_map map = sv_image_map_then(&fitted, &reduced);
-  sv_mask_map(&(sv_mask_image){v->mask, was.model.width_px, was.model.height_px}, &map,
-              &(sv_mask_image){NULL, w, h}, mask);
-  v->mask = mask;
-  return SV_OK;
+  return move_mask(v, &was, &map, arena, err);
 }
 
 sv_status sizes_fit(board_source *s, const source_cfg *cfg, sv_arena *arena, sv_err *err) {

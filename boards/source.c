@@ -299,6 +299,11 @@ sv_status source_open(board_source *s, const source_cfg *cfg, sv_arena *arena, s
   return r;
 }
 
+bool source_tells_poses(const board_source *s) {
+  sv_pose pose;
+  return s->source.rig_pose && s->source.rig_pose(s->source.self, 0, &pose) >= 0;
+}
+
 void source_close(board_source *s) {
   if (s->kind == SOURCE_REPLAY) sv_replay_close(&s->u.replay);
   if (s->kind == SOURCE_V4L2) sv_v4l2_close(&s->u.v4l2);
