@@ -179,9 +179,8 @@ static sv_status import_to(kind k, const lab_options *o, char dir[SV_CAP_PATH], 
   char note[CAP_NOTE];
   lab_session se;
   note_of(k, mark, note);
-  sv_str more = sv_str_make(note, sizeof note);
-  more.len = strlen(note);
-  if (k == CLIPS) sv_str_add(&more, "%s %g\n", o->rig ? o->rig : "", o->every_s);
+  const size_t len = strlen(note);
+  if (k == CLIPS) sv_fmt(note + len, sizeof note - len, "%s %g\n", o->rig ? o->rig : "", o->every_s);
   sv_status s = lab_session_start(&se, 1, o->is_quiet, err);
   if (s != SV_OK) return s;
   const bool is_there = is_noted(to, note);
