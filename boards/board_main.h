@@ -108,6 +108,8 @@ typedef struct {
 // cameras), fov=DEG (of a single camera without a rig, for which a pinhole lens is then assumed).
 sv_status source_open(board_source *s, const source_cfg *cfg, sv_arena *arena, sv_err *err) SV_MUST_USE;
 void source_close(board_source *s);
+// The accelerations of a file (imu.c), in the arena.
+sv_status imu_read(sv_imu *imu, const char *path, sv_arena *arena, sv_err *err) SV_MUST_USE;
 bool source_tells_poses(const board_source *s); // of all exposures; else of none
 
 // Fits the rig to what the cameras deliver and makes its images smaller (sizes.c).

@@ -30,6 +30,7 @@ static struct {
   sv_linux_console console;
   sv_linux_watch watch;
   outputs out;
+  sv_imu imu;           // of --imu
   mesh_out mesh;        // of --mesh
   uint8_t *truth;       // a held-out view of the simulator
   uint8_t *small_truth; // at the size that is trained on; may be the same
@@ -112,6 +113,7 @@ static sv_app_cfg app_cfg(const run_options *o) {
                   .steps = (uint32_t)o->steps,
                   .time_limit_s = o->time_limit,
                   .is_tracking = !o->is_continuous && !source_tells_poses(&run.src),
+                  .imu = o->imu ? &run.imu : NULL,
                   .is_blur_kept = o->is_blur_kept,
                   .prior = (sv_prior_method)o->i_prior,
                   .optimizer = o->i_optimizer + 1,
@@ -342,6 +344,8 @@ static sv_status set_up(const run_options *o, sv_arena *arena, const char **what
   if (s < 0) return s;
   if (run.src.note[0] && !o->is_quiet) say(2, "subview: %s\n", run.src.note);
   say_spread(o);
+  *what = "options";
+  if (o->imu && (s = imu_read(&run.imu, o->imu, arena, err)) < 0) return s;
   sv_app_cfg cfg = app_cfg(o);
   *what = "memory";
   if ((s = carve_outputs(arena, &cfg, err)) < 0) return s;

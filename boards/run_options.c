@@ -31,6 +31,10 @@ static const sv_option rows[] = {
      "s "
      "[a recording: spread over all of it; cameras: motion; 0 with --live, moving scenes and the simulator]",
      0, 0, NULL},
+    {"imu", SV_OPT_TEXT, 1, 0, AT(imu), "FILE",
+     "accelerations in the rig's frame, for sources without poses: lines of seconds, x, y, z; they tell "
+     "which way is up",
+     0, 0, NULL},
     {"arc", SV_OPT_REAL, 1, 0, AT(arc_deg), "DEG",
      "azimuth around the scene that the hints ask for while capturing, in degrees; its middle is the first "
      "exposure [360]",

@@ -14,6 +14,7 @@ typedef struct {
   double time_limit, save_every, picture_every;
   double exposure_s, history_s;
   const char *shutter; // auto or global
+  const char *imu;     // its file, or NULL
   const char *every;   // NULL: as the source suits
   double hold_out, arc_deg;
   bool is_mesh;

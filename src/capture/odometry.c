@@ -73,6 +73,7 @@ sv_status sv_odometry_init(sv_odometry *o, const sv_odometry_cfg *cfg, sv_arena 
   c.cap_exposures = cfg->cap_exposures;
   c.seed = cfg->seed;
   c.heartbeats = cfg->heartbeats;
+  o->imu = cfg->imu;
   o->is_on = true;
   if (a->base) {
     sv_status s = sv_tracker_init(&o->tracker, &c, cfg->k, a, err);
@@ -108,6 +109,19 @@ sv_status sv_odometry_add(sv_odometry *o, const sv_exposures *pool, int e) {
   return sv_tracker_add(&o->tracker, get_pictures(&(pictures){o, pool}, e));
 }
 
+// The mean of the accelerations at all exposures, in the world.
+static bool up_of_imu(const sv_odometry *o, const sv_exposures *pool, double up[3]) {
+  double a[3], sum[3] = {0};
+  for (int e = 0; o->imu && e < o->tracker.n_exposures; e++) {
+    const double *r = o->tracker.pose[e].r;
+    if (!o->tracker.is_placed[e] || !sv_imu_at(o->imu, pool->exposure[e].time_ns, a)) continue;
+    for (int k = 0; k < 3; k++) sum[k] += r[k] * a[0] + r[3 + k] * a[1] + r[6 + k] * a[2];
+  }
+  const double n = sv_norm3(sum);
+  for (int k = 0; k < 3; k++) up[k] = n > 0 ? sum[k] / n : 0;
+  return n > 0;
+}
+
 void sv_odometry_finish(sv_odometry *o, sv_exposures *pool) {
   sv_track_summary *s = &o->summary;
   sv_tracker_finish(&o->tracker, &(sv_track_pictures){&(pictures){o, pool}, get_pictures}, s);
@@ -117,7 +131,7 @@ void sv_odometry_finish(sv_odometry *o, sv_exposures *pool) {
   o->is_tracked = !is_whole && s->n_placed >= MIN_LOCATED && s->n_points >= MIN_POINTS;
   if (!o->is_tracked) return;
   double up[3];
-  if (sv_track_up(&o->tracker, up)) sv_track_turn_upright(&o->tracker, up);
+  if (up_of_imu(o, pool, up) || sv_track_up(&o->tracker, up)) sv_track_turn_upright(&o->tracker, up);
   for (int e = 0; e < s->n_exposures; e++) {
     pool->exposure[e].rig_from_world = o->tracker.pose[e];
     pool->exposure[e].has_pose = o->tracker.is_placed[e];

@@ -8,6 +8,7 @@
 #define SV_CAPTURE_ODOMETRY_H
 
 #include "src/capture/exposures.h"
+#include "src/capture/imu.h"
 #include "src/rig/bounds.h"
 #include "src/splat/gaussians.h"
 #include "src/track/tracker.h"
@@ -32,9 +33,10 @@ typedef struct {
   // [n_sub_views] The tracker knows pinholes only: a fisheye's picture is undistorted to the widest
   // one. px NULL: not a fisheye.
   sv_odometry_crop *crop;
-  float *work;    // [points of the tracker]
-  sv_ns start_ns; // time of the first exposure
-  sv_pose *a, *b; // [cap_exposures] two trajectories
+  const sv_imu *imu; // may be NULL
+  float *work;       // [points of the tracker]
+  sv_ns start_ns;    // time of the first exposure
+  sv_pose *a, *b;    // [cap_exposures] two trajectories
 } sv_odometry;
 
 // Which rigs can be tracked: those whose sub-views have pictures of their own.
@@ -46,6 +48,7 @@ typedef struct {
   const sv_kernels *k;      // likewise
   bool is_rolling;          // the rig's readout times count
   uint64_t seed;
+  const sv_imu *imu;                // tells which way is up; NULL: what the cameras see does
   struct sv_heartbeats *heartbeats; // may be NULL
 } sv_odometry_cfg;
 

@@ -135,6 +135,7 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
                               .pool = a->base ? &app->exposures : NULL,
                               .k = compute.k,
                               .seed = c->train.seed,
+                              .imu = c->imu,
                               .is_rolling = t->is_rolling,
                               .heartbeats = app->port.heartbeats};
   if (is_handheld(c)) s = sv_odometry_init(&app->odometry, &oc, a, err);

@@ -7,6 +7,7 @@
 #define SV_RUN_CONFIG_H
 
 #include "src/capture/guidance.h"
+#include "src/capture/imu.h"
 #include "src/capture/spacing.h"
 #include "src/dynamic/dynamic.h"
 #include "src/prior/methods.h"
@@ -103,6 +104,8 @@ typedef struct {
   bool is_refining;
   // The source has no poses of the rig: find them from the images.
   bool is_tracking;
+  // With is_tracking: tells which way is up; NULL: what the cameras see does. Outlives the run.
+  const sv_imu *imu;
   // With is_tracking: exposures that are clearly less sharp than those before them are kept.
   bool is_blur_kept;
   // The scene lies in `bounds`, and training starts there; else bounds come from the views.

@@ -152,6 +152,8 @@ TEST(test_bad_input) {
       {"run --source sim:textured,rig=multiplexed --refine-poses --out @/bad", "multiplexed", 1},
       {"run --source usb:0 --out @/bad", "usb:0", 1},
       {"run --source replay:@/nowhere --out @/bad", "nowhere", 1},
+      {"run " SMALL "--imu @/nowhere --out @/bad", "--imu", 1},
+      {"run " SMALL "--imu @/a_file --out @/bad", "no accelerations", 1},
       {"run --source replay:@/cut --out @/bad", "capture.json", 1},
       {"run --source replay:@/wrong_size --out @/bad", "64x48", 1},
       {"run --source replay:@/no_rig --out @/bad", "rig", 1},

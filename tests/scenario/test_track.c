@@ -208,6 +208,40 @@ TEST(test_upright) {
   }
 }
 
+// An inertial sensor goes before what the cameras see, here 20 degrees off.
+TEST(test_imu) {
+  static sv_imu_sample sample[24];
+  static const char spec[] = "room,rig=stereo,path=smooth,arc=20,poses=unknown,size=320x240" NOISE;
+  world_open_well(&w, spec, 12, ~0u, 2);
+  w.cfg.train.n_gaussians = 500;
+  w.cfg.steps = 5;
+  w.cfg.is_tracking = true;
+  w.cfg.imu = &(sv_imu){sample, 24};
+  for (int i = 0; i < 24; i++) {
+    sv_pose p;
+    const sv_ns ns = sv_sim_slot_ns(&w.sim, i);
+    sv_sim_rig_pose(&w.sim, ns, &p);
+    sample[i].time_s = sv_ns_to_s(ns);
+    for (int k = 0; k < 3; k++) sample[i].a[k] = 9.81 * p.r[3 * k + 2];
+  }
+  world_run_well(&w);
+  double worst = 0;
+  for (int e = 0; e < w.app.exposures.n; e++) {
+    const sv_exposure *x = &w.app.exposures.exposure[e];
+    const double up[3] = {0, -1, 0}, z[3] = {0, 0, 1};
+    double seen[3], true_up[3];
+    sv_pose p;
+    sv_sim_rig_pose(&w.sim, x->time_ns, &p);
+    assert_true(x->has_pose);
+    sv_apply33(seen, x->rig_from_world.r, up);
+    sv_apply33(true_up, p.r, z);
+    worst = sv_maxd(worst, 180 / SV_PI * sv_angle_between(seen, true_up));
+  }
+  print_message("up by accelerations is off by %.2f degrees\n", worst);
+  assert_true(worst < 0.5);
+  world_close(&w);
+}
+
 // A hand that turns the rig at 30 degrees/s and moves it at 0.3 m/s, with 20 ms of readout: as
 // exact as with a global shutter, which it is not when it is taken for one.
 TEST(test_rolling_shutter) {
@@ -404,17 +438,12 @@ TEST(test_moving) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_moving),
-      cmocka_unit_test(test_handheld),
-      cmocka_unit_test(test_upright),
-      cmocka_unit_test(test_full_circle),
-      cmocka_unit_test(test_rolling_shutter),
-      cmocka_unit_test(test_small_baseline),
-      cmocka_unit_test(test_still),
-      cmocka_unit_test(test_still_covered),
-      cmocka_unit_test(test_same_bits),
-      cmocka_unit_test(test_long),
-      cmocka_unit_test(test_run),
+      cmocka_unit_test(test_moving),         cmocka_unit_test(test_handheld),
+      cmocka_unit_test(test_upright),        cmocka_unit_test(test_imu),
+      cmocka_unit_test(test_full_circle),    cmocka_unit_test(test_rolling_shutter),
+      cmocka_unit_test(test_small_baseline), cmocka_unit_test(test_still),
+      cmocka_unit_test(test_still_covered),  cmocka_unit_test(test_same_bits),
+      cmocka_unit_test(test_long),           cmocka_unit_test(test_run),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
