@@ -38,6 +38,8 @@ void sv_history_carve(sv_history *h, const sv_history_cfg *cfg, sv_arena *arena)
   if (cfg->n < 1) return;
   h->cap_bytes = ring_bytes(cfg);
   h->ring = SV_TAKE(arena, uint8_t, h->cap_bytes);
+  // Its pages come now, not while the run goes on.
+  if (h->ring) memset(h->ring, 0, h->cap_bytes);
   h->frame = SV_TAKE(arena, sv_history_frame, cfg->cap_frames);
   for (int k = 0; k < 3; k++) h->value[k] = SV_TAKE(arena, int32_t, (size_t)N_ROWS * (size_t)cfg->n);
 }
