@@ -7,7 +7,7 @@
 #include "src/train/stereo.h"
 
 // Chosen by trials on the simulator's moving scene, 30 and 60 steps an exposure.
-#define OFF     0.2f // mean residual over the channels, display values: not what is there
+#define OFF     0.2f // mean residual over the channels, display values, of a surface that is wrong
 #define OPACITY 0.7  // depth is measured from both sides: it may cover what is behind it
 #define MAP_PX  2    // pixels of a depth map per Gaussian: each exposure gets its maps
 #define SPREAD  0.6f // standard deviation, in distances to the neighbours

@@ -167,6 +167,21 @@ sv_status lab_media_decode(const lab_media_stream *from, const lab_media_wanted 
   return s == SV_OK && i < want->n ? cannot_decode(from, err) : s;
 }
 
+static sv_status keep_size(void *self, int i, const sv_bitmap *b, sv_err *err) {
+  int *size = self;
+  (void)i;
+  (void)err;
+  size[0] = b->width_px;
+  size[1] = b->height_px;
+  return SV_OK;
+}
+
+sv_status lab_media_size(const lab_media_stream *from, int size_px[2], sv_err *err) {
+  const int first = 0;
+  const lab_media_wanted want = {&first, 1, size_px, keep_size};
+  return lab_media_decode(from, &want, err);
+}
+
 // --- sound ---------------------------------------------------------------------------------------
 
 sv_status lab_media_listen(const char *path, int rate_hz, int cap, lab_media_sound *sound, sv_err *err) {

@@ -53,6 +53,9 @@ typedef struct {
 sv_status lab_media_decode(const lab_media_stream *from, const lab_media_wanted *want,
                            sv_err *err) SV_MUST_USE;
 
+// Width and height of the first frame.
+sv_status lab_media_size(const lab_media_stream *from, int size_px[2], sv_err *err) SV_MUST_USE;
+
 // Mono samples from time 0 of the file on, at most cap of them. Free with free().
 typedef struct {
   float *samples;

@@ -131,15 +131,6 @@ static sv_pose root_from(const job *j, int socket, int *root) {
 
 // --- the cameras ---------------------------------------------------------------------------------
 
-static sv_status keep_size(void *self, int i, const sv_bitmap *b, sv_err *err) {
-  int *size = self;
-  (void)i;
-  (void)err;
-  size[0] = b->width_px;
-  size[1] = b->height_px;
-  return SV_OK;
-}
-
 // Videos have the sensor's width; what their shape does not hold was cut off about the middle, as
 // DepthAI does it.
 static void fit_lens(const socket_t *from, const int size[2], sv_import_camera *c) {
@@ -157,8 +148,6 @@ static void fit_lens(const socket_t *from, const int size[2], sv_import_camera *
 static sv_status make_camera(job *j, int k, sv_err *err) {
   const socket_t *from = &j->socket[j->i_socket[k]];
   int size[2], root, first_root;
-  const int zero = 0;
-  const lab_media_wanted want = {&zero, 1, size, keep_size};
   if (!from->is_there)
     return sv_fail(err, SV_E_NOT_FOUND, "%s: has no camera of socket %d (%s)", j->path, j->i_socket[k],
                    j->cams[k].name);
@@ -168,7 +157,7 @@ static sv_status make_camera(job *j, int k, sv_err *err) {
     return sv_fail(err, SV_E_UNSUPPORTED,
                    "%s: the lens of %s is a fisheye or has thin prism or tilt terms, which are not read",
                    j->path, j->cams[k].name);
-  sv_status s = lab_media_decode(&j->clips[k].stream, &want, err);
+  sv_status s = lab_media_size(&j->clips[k].stream, size, err);
   if (s != SV_OK) return s;
   fit_lens(from, size, &j->cams[k]);
   const sv_pose mine = root_from(j, j->i_socket[k], &root), first = root_from(j, j->i_socket[0], &first_root);

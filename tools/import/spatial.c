@@ -102,23 +102,12 @@ static sv_status check_said(job *j, sv_err *err) {
              : sv_fail(err, SV_E_NOT_FOUND, "%s: says no field of view (hfov); give --focal PX", j->o->input);
 }
 
-static sv_status keep_size(void *self, int i, const sv_bitmap *b, sv_err *err) {
-  int *size = self;
-  (void)i;
-  (void)err;
-  size[0] = b->width_px;
-  size[1] = b->height_px;
-  return SV_OK;
-}
-
 static sv_status make_cameras(job *j, sv_err *err) {
   static const char *const names[2] = {"left", "right"};
-  const int first = 0;
   for (int e = 0; e < 2; e++) {
     int size[2];
-    const lab_media_wanted want = {&first, 1, size, keep_size};
     sv_import_camera *c = &j->cams[e];
-    sv_status s = lab_media_decode(&j->clips[e].stream, &want, err);
+    sv_status s = lab_media_size(&j->clips[e].stream, size, err);
     if (s != SV_OK) return s;
     snprintf(c->name, sizeof c->name, "%s", names[e]);
     c->calib_width_px = size[0];
