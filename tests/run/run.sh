@@ -46,7 +46,11 @@ one() {
   wait $pid
   code=$?
   trap - INT TERM HUP
-  took=$(($(date +%s) - begin))
+  took="$(($(date +%s) - begin)) s"
+  # Processor time hardly depends on what runs beside the check. The last line of `times` is that of
+  # the children: user, system.
+  times >"$file.times"
+  took="$took, processor $(tail -n 1 "$file.times" | LC_ALL=C awk -F '[ms ]+' '{ printf "%.0f", 60 * ($1 + $3) + $2 + $4 }') s"
   rm -rf "$TMPDIR"
   # shellcheck disable=SC2046 # three words are wanted
   set -- $(LC_ALL=C awk -v code=$code '
@@ -75,7 +79,7 @@ one() {
       "$(grep -vE '\[( RUN  |      OK|  OK)' "$file.log" | tail -n 40 | sed 's/^/      | /')"
   else
     rm -f "$file.failed"
-    printf 'ok    %-36s %4s passed%s  %s s\n' "$label" "$1" "$([ "$3" -gt 0 ] && echo ", $3 skipped")" "$took"
+    printf 'ok    %-36s %4s passed%s  %s\n' "$label" "$1" "$([ "$3" -gt 0 ] && echo ", $3 skipped")" "$took"
   fi
 }
 
