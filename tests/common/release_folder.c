@@ -6,23 +6,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "platform/sim/sim.h"
 #include "src/base/mathx.h"
 #include "src/format/bytes.h"
-#include "tests/common/npz_write.h"
+#include "tests/common/exr_write.h"
+#include "tests/common/release_maker.h"
 #include "tests/common/test.h"
 #include "tools/common/fileio.h"
 #include "tools/common/imageio.h"
 
 #define SIM_PX 256
 #define DEG    (SV_PI / 180)
-
-// A scene of the simulator, and where its pictures go.
-typedef struct {
-  const char *root;
-  sv_sim sim;
-  void *block;
-} maker;
 
 static void start(maker *m, const char *root, const char *spec) {
   sv_err err;
@@ -38,8 +31,7 @@ static void start(maker *m, const char *root, const char *spec) {
 
 static void stop(maker *m) { free(m->block); }
 
-// The path of ROOT/data/NAME, whose folder is made.
-static void path_of(const maker *m, const char *name, char path[SV_CAP_PATH]) {
+void release_path(const maker *m, const char *name, char path[SV_CAP_PATH]) {
   char folder[SV_CAP_PATH];
   sv_err err;
   snprintf(path, SV_CAP_PATH, "%.400s/data/%.400s", m->root, name);
@@ -50,20 +42,13 @@ static void path_of(const maker *m, const char *name, char path[SV_CAP_PATH]) {
 static void put_file(const maker *m, const char *name, const void *data, size_t bytes) {
   char path[SV_CAP_PATH];
   sv_err err;
-  path_of(m, name, path);
+  release_path(m, name, path);
   assert_ok(sv_file_write(path, data, bytes, &err), &err);
 }
 
 // --- cameras -------------------------------------------------------------------------------------
 
-typedef struct {
-  sv_pose pose; // cam_from_world
-  double f, time_s;
-  int w, h;
-} camera;
-
-// A camera on the sphere around the scene that looks at its center.
-static camera around(double azimuth_deg, double elevation_deg, double f, int w, int h) {
+camera release_around(double azimuth_deg, double elevation_deg, double f, int w, int h) {
   camera c = {.f = f, .w = w, .h = h};
   const double a = azimuth_deg * DEG, e = elevation_deg * DEG, d = SV_SIM_DISTANCE_M;
   const double eye[3] = {d * cos(e) * cos(a), d * cos(e) * sin(a), d * sin(e)}, at[3] = {0, 0, 0},
@@ -72,8 +57,7 @@ static camera around(double azimuth_deg, double elevation_deg, double f, int w, 
   return c;
 }
 
-// The same camera moved along its own axes (meters), without a turn.
-static camera moved(camera c, double right, double down) {
+camera release_moved(camera c, double right, double down) {
   c.pose.t[0] -= right;
   c.pose.t[1] -= down;
   return c;
@@ -107,7 +91,7 @@ static void put_picture(maker *m, const char *name, const camera *c, int n_chann
   uint8_t *px = malloc((size_t)n_channels * (size_t)c->w * (size_t)c->h);
   assert_non_null(px);
   render(m, c, n_channels, px, NULL);
-  path_of(m, name, path);
+  release_path(m, name, path);
   const sv_bitmap b = {c->w, c->h, n_channels, 8, px, NULL};
   assert_ok(sv_bitmap_write_png(path, &b, &err), &err);
   free(px);
@@ -269,28 +253,28 @@ static void make_static(maker *m) {
                                           {"eval__", "iphone_eval"}};
   colmap *k = calloc(1, sizeof *k);
   assert_non_null(k);
-  const camera wide = around(45, 25, PHOTO_F, RELEASE_PHOTO_W, RELEASE_PHOTO_H);
-  camera tele = moved(wide, 0.2, 0.2), ultra = moved(wide, 0.2, -0.2);
+  const camera wide = release_around(45, 25, PHOTO_F, RELEASE_PHOTO_W, RELEASE_PHOTO_H);
+  camera tele = release_moved(wide, 0.2, 0.2), ultra = release_moved(wide, 0.2, -0.2);
   tele.f = 100;
   ultra.f = 40;
   photo(m, k, &wide, 7, "mono__wide.png");
   photo(m, k, &wide, 7, "iphone__wide.png");
   photo(m, k, &tele, 8, "iphone__tele.png");
   photo(m, k, &ultra, 9, "iphone__ultrawide.png");
-  const camera right = moved(wide, 0.5, 0);
+  const camera right = release_moved(wide, 0.5, 0);
   photo(m, k, &wide, 10, "stereo__stereo_left.png");
   photo(m, k, &right, 11, "stereo__stereo_right.png");
   for (int row = 2; row <= 10; row++)
     for (int column = 2; column <= 10; column++) {
       char name[40];
-      const camera c =
-          moved(around(45, 25, 200, RELEASE_LF_W, RELEASE_LF_H), 0.04 * (column - 6), 0.04 * (row - 6));
+      const camera c = release_moved(release_around(45, 25, 200, RELEASE_LF_W, RELEASE_LF_H),
+                                     0.04 * (column - 6), 0.04 * (row - 6));
       snprintf(name, sizeof name, "lf__%02d_%02d.png", row, column);
       photo(m, k, &c, 12, name);
     }
   for (int i = 1; i <= RELEASE_N_EVAL; i++) {
     char name[40];
-    const camera c = around(38 + 2.5 * i, 22 + i, PHOTO_F, RELEASE_PHOTO_W, RELEASE_PHOTO_H);
+    const camera c = release_around(38 + 2.5 * i, 22 + i, PHOTO_F, RELEASE_PHOTO_W, RELEASE_PHOTO_H);
     snprintf(name, sizeof name, "eval__frame_%05d.png", i);
     photo(m, k, &c, 7, name);
   }
@@ -318,9 +302,9 @@ static void make_video(maker *m, const video *v) {
   for (int is_eval = 0; is_eval < 2; is_eval++)
     for (int s = 0; s < (is_eval ? 1 : v->n); s++)
       for (int i = 1; i <= (is_eval ? RELEASE_N_EVAL : RELEASE_N_TRAIN); i++) {
-        const camera c = moved(around(35 + 3 * i + (is_eval ? 1.5 : 0), is_eval ? 30 : 25, v->f[s],
-                                      RELEASE_PHOTO_W, RELEASE_PHOTO_H),
-                               v->offset_m[s], 0);
+        const camera c = release_moved(release_around(35 + 3 * i + (is_eval ? 1.5 : 0), is_eval ? 30 : 25,
+                                                      v->f[s], RELEASE_PHOTO_W, RELEASE_PHOTO_H),
+                                       v->offset_m[s], 0);
         snprintf(name, sizeof name, "%s__%.20s__frame_%06d.png", is_eval ? "eval" : "train", v->stems[s], i);
         snprintf(path, sizeof path, "casual/toy/%.40s/images/%s", v->folder, name);
         put_picture(m, path, &c, 3);
@@ -344,7 +328,8 @@ static void make_stream(maker *m, const char *device, const char *const *stems, 
   for (int s = 0; s < n; s++)
     for (int i = 1; i <= RELEASE_N_FRAMES; i++) {
       // streams have sizes of their own
-      camera c = moved(around(45, 25, PHOTO_F, RELEASE_PHOTO_W + 4 * s, RELEASE_PHOTO_H), 0.3 * s, 0);
+      camera c = release_moved(release_around(45, 25, PHOTO_F, RELEASE_PHOTO_W + 4 * s, RELEASE_PHOTO_H),
+                               0.3 * s, 0);
       c.time_s = 0.08 * i;
       snprintf(name, sizeof name, "%.20s_%03d/frame_%05d.png", stems[s], s + 1, i);
       snprintf(path, sizeof path, "dynamic/toy/%.20s/%s", device, name);
@@ -396,11 +381,11 @@ static void end_json(const maker *m, bytes *b, const char *name) {
 static camera synthetic_view(const char *device, int exposure, int i) {
   static const double phone[3][2] = {{-1, -1}, {1, -1}, {0, 1}};
   const double d = SV_SIM_DISTANCE_M * tan(5 * DEG);
-  const camera base = around(45 + 110 * exposure, 30, SYNTHETIC_F, RELEASE_SIDE, RELEASE_SIDE);
-  if (strcmp(device, "stereo") == 0) return moved(base, i ? d : -d, 0);
-  if (strcmp(device, "iphone") == 0) return moved(base, d * phone[i][0], d * phone[i][1]);
+  const camera base = release_around(45 + 110 * exposure, 30, SYNTHETIC_F, RELEASE_SIDE, RELEASE_SIDE);
+  if (strcmp(device, "stereo") == 0) return release_moved(base, i ? d : -d, 0);
+  if (strcmp(device, "iphone") == 0) return release_moved(base, d * phone[i][0], d * phone[i][1]);
   if (strcmp(device, "lightfield") == 0)
-    return moved(base, d * (-1 + i / 4 * 2.0 / 3), d * (-1 + i % 4 * 2.0 / 3));
+    return release_moved(base, d * (-1 + i / 4 * 2.0 / 3), d * (-1 + i % 4 * 2.0 / 3));
   return base;
 }
 
@@ -422,6 +407,28 @@ static void make_device(maker *m, const char *device, int n_views, int n_exposur
   end_json(m, &b, path);
 }
 
+// World positions of a view's pixels, 0 where there is no surface, as the authors' prepare-depth
+// leaves them.
+static void put_positions(maker *m, const camera *c, int number) {
+  static float depth[RELEASE_SIDE * RELEASE_SIDE], values[3][RELEASE_SIDE * RELEASE_SIDE];
+  uint8_t rgb[3 * RELEASE_SIDE * RELEASE_SIDE];
+  const sv_pose world = sv_pose_inv(&c->pose);
+  render(m, c, 3, rgb, depth);
+  for (int i = 0; i < RELEASE_SIDE * RELEASE_SIDE; i++) {
+    const double z = (double)depth[i], at[3] = {(i % c->w + 0.5 - 0.5 * c->w) / c->f * z,
+                                                (i / c->w + 0.5 - 0.5 * c->h) / c->f * z, z};
+    double p[3];
+    sv_pose_apply(p, &world, at);
+    for (int k = 0; k < 3; k++) values[k][i] = z > 0 ? (float)p[k] : 0;
+  }
+  for (int k = 0; k < 3; k++) {
+    char name[80], path[SV_CAP_PATH];
+    snprintf(name, sizeof name, "synthetic/toy/positions/position_%c_%04d.exr", "xyz"[k], number);
+    release_path(m, name, path);
+    exr_write(path, &(exr_image){"V", c->w, c->h, values[k]});
+  }
+}
+
 static void make_synthetic(maker *m) {
   static const struct {
     const char *name;
@@ -430,143 +437,16 @@ static void make_synthetic(maker *m) {
   bytes b = begin_json();
   for (int i = 0; i < RELEASE_N_TEST; i++) {
     char path[80], name[40];
-    const camera c = around(45 + 30 * i, 20 + i % 3 * 10, SYNTHETIC_F, RELEASE_SIDE, RELEASE_SIDE);
+    const camera c = release_around(45 + 30 * i, 20 + i % 3 * 10, SYNTHETIC_F, RELEASE_SIDE, RELEASE_SIDE);
     snprintf(name, sizeof name, "./test/r_%d", i);
     snprintf(path, sizeof path, "synthetic/toy/test/r_%d.png", i);
     put_picture(m, path, &c, 4);
     put_frame(&b, &c, name, -1, 0);
+    put_positions(m, &c, i);
   }
   end_json(m, &b, "synthetic/toy/transforms_test.json");
   for (size_t i = 0; i < sizeof devices / sizeof *devices; i++)
     for (int n = 1; n <= 3; n += 2) make_device(m, devices[i].name, devices[i].n_views, n);
-}
-
-// --- multiplexed ---------------------------------------------------------------------------------
-
-#define GRID_W 64 // an eighth of 516: 64.5, halves to even
-#define GRID_H 50
-// of the stored footprints: a quarter of the sensor, no multiple of the grid
-#define FOOTPRINT_W 129
-#define FOOTPRINT_H 100
-#define LENS_RADIUS 0.32 // of the sensor's width
-
-static double decode(double x) { return x <= 0.04045 ? x / 12.92 : pow((x + 0.055) / 1.055, 2.4); }
-static double encode(double x) { return x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055; }
-
-// Center of a lens image as a share of the sensor.
-static void lens_center(int i, double at[2]) {
-  at[0] = i % 2 ? 0.66 : 0.34;
-  at[1] = i / 2 ? 0.66 : 0.34;
-}
-
-static void make_footprints(uint8_t *counts) {
-  for (int i = 0; i < RELEASE_N_LENSES; i++)
-    for (int y = 0; y < FOOTPRINT_H; y++)
-      for (int x = 0; x < FOOTPRINT_W; x++) {
-        double at[2];
-        lens_center(i, at);
-        int n = 0;
-        for (int s = 0; s < 16; s++)
-          n += hypot((x + (s % 4 + 0.5) / 4) / FOOTPRINT_W - at[0],
-                     ((y + (s / 4 + 0.5) / 4) / FOOTPRINT_H - at[1]) * RELEASE_SENSOR_H / RELEASE_SENSOR_W) <
-               LENS_RADIUS;
-        counts[((size_t)i * FOOTPRINT_H + (size_t)y) * FOOTPRINT_W + (size_t)x] = (uint8_t)n;
-      }
-}
-
-// What a lens sees on the measurement's grid, by a camera with its center there.
-static void lens_camera(int i, camera *c, double k[9]) {
-  double at[2];
-  const double f = 0.9 * RELEASE_SENSOR_W;
-  lens_center(i, at);
-  *c = moved(around(45, 25, f / 8, GRID_W, GRID_H), i % 2 ? 0.2 : -0.2, i / 2 ? 0.2 : -0.2);
-  const double m[9] = {f, 0, at[0] * RELEASE_SENSOR_W, 0, f, at[1] * RELEASE_SENSOR_H, 0, 0, 1};
-  memcpy(k, m, sizeof m);
-}
-
-static void add_light(maker *m, int i, const uint8_t *counts, double *sum, double *weight) {
-  camera c;
-  double k[9];
-  uint8_t rgb[3 * GRID_W * GRID_H];
-  lens_camera(i, &c, k);
-  const double sx = (double)GRID_W / RELEASE_SENSOR_W, sy = (double)GRID_H / RELEASE_SENSOR_H;
-  const double p[4] = {k[0] * sx, k[4] * sy, k[2] * sx, k[5] * sy};
-  const sv_view v = sv_view_make(GRID_W, GRID_H, p, &c.pose);
-  sv_sim_render(&m->sim, &v, 0, rgb, NULL);
-  for (int y = 0; y < GRID_H; y++)
-    for (int x = 0; x < GRID_W; x++) {
-      const size_t to = (size_t)y * GRID_W + (size_t)x;
-      double w = 0; // 4x4 samples of the cell are enough here
-      for (int s = 0; s < 16; s++)
-        w += counts[((size_t)i * FOOTPRINT_H + (size_t)((y + (s / 4 + 0.5) / 4) * FOOTPRINT_H / GRID_H)) *
-                        FOOTPRINT_W +
-                    (size_t)((x + (s % 4 + 0.5) / 4) * FOOTPRINT_W / GRID_W)] /
-             256.0;
-      weight[to] += w;
-      for (size_t j = 0; j < 3; j++) sum[3 * to + j] += w * decode(rgb[3 * to + j] / 255.0);
-    }
-}
-
-static void put_measurement(const maker *m, const double *sum, double largest) {
-  uint8_t px[3 * GRID_W * GRID_H];
-  char path[SV_CAP_PATH];
-  sv_err err;
-  for (size_t i = 0; i < sizeof px; i++) px[i] = (uint8_t)(255 * encode(fmin(1, sum[i] / largest)) + 0.5);
-  const sv_bitmap b = {GRID_W, GRID_H, 3, 8, px, NULL};
-  path_of(m, "multiplexed/measurement.png", path);
-  assert_ok(sv_bitmap_write_png(path, &b, &err), &err);
-}
-
-static void put_calibration(const maker *m, const uint8_t *counts, bool is_deflated) {
-  npz_archive z = {.is_deflated = is_deflated};
-  char path[SV_CAP_PATH];
-  const int64_t size[2] = {RELEASE_SENSOR_W, RELEASE_SENSOR_H};
-  uint32_t names[RELEASE_N_LENSES * 4] = {0};
-  float k32[RELEASE_N_LENSES * 9], points[20 * 3];
-  double poses[RELEASE_N_LENSES * 16] = {0};
-  for (int i = 0; i < RELEASE_N_LENSES; i++) {
-    camera c;
-    double k[9];
-    lens_camera(i, &c, k);
-    for (int j = 0; j < 9; j++) k32[9 * i + j] = (float)k[j];
-    const sv_pose w = sv_pose_inv(&c.pose);
-    for (int a = 0; a < 3; a++) {
-      for (int b = 0; b < 3; b++) poses[16 * i + 4 * a + b] = w.r[3 * a + b];
-      poses[16 * i + 4 * a + 3] = w.t[a];
-    }
-    poses[16 * i + 15] = 1;
-    names[4 * i] = 'L';
-    names[4 * i + 1] = (uint32_t)('0' + i);
-  }
-  for (int i = 0; i < 60; i++) points[i] = 0.3f * (float)((i * 37) % 11 - 5) / 5;
-  static const uint32_t metadata[] = {'{', '}'};
-  npz_add(&z, &(npz_array){"sensor_size", "<i8", "(2,)", size, sizeof size});
-  npz_add(&z, &(npz_array){"names", "<U4", "(4,)", names, sizeof names});
-  npz_add(&z, &(npz_array){"K", "<f4", "(4, 3, 3)", k32, sizeof k32});
-  npz_add(&z, &(npz_array){"camtoworld", "<f8", "(4, 4, 4)", poses, sizeof poses});
-  npz_add(&z, &(npz_array){"footprints", "|u1", "(4, 100, 129)", counts,
-                           (size_t)RELEASE_N_LENSES * FOOTPRINT_W * FOOTPRINT_H});
-  npz_add(&z, &(npz_array){"points", "<f4", "(20, 3)", points, sizeof points});
-  npz_add(&z, &(npz_array){"metadata", "<U2", "()", metadata, sizeof metadata});
-  path_of(m, "multiplexed/calibration.npz", path);
-  npz_save(&z, path);
-  npz_free(&z);
-}
-
-static void make_multiplexed(maker *m) {
-  static uint8_t counts[RELEASE_N_LENSES * FOOTPRINT_W * FOOTPRINT_H];
-  static double sum[3 * GRID_W * GRID_H], weight[GRID_W * GRID_H];
-  unsigned most = 0;
-  memset(sum, 0, sizeof sum);
-  make_footprints(counts);
-  for (int i = 0; i < RELEASE_N_LENSES; i++) add_light(m, i, counts, sum, weight);
-  for (size_t i = 0; i < FOOTPRINT_W * FOOTPRINT_H; i++) {
-    unsigned n = 0;
-    for (size_t k = 0; k < RELEASE_N_LENSES; k++) n += counts[k * FOOTPRINT_W * FOOTPRINT_H + i];
-    if (n > most) most = n;
-  }
-  put_measurement(m, sum, most / 16.0);
-  put_calibration(m, counts, true);
 }
 
 // --- all -----------------------------------------------------------------------------------------
@@ -583,7 +463,7 @@ void release_folder_make(const char *root) {
   make_static(&m);
   for (int i = 0; i < 2; i++) make_video(&m, &videos[i]);
   make_synthetic(&m);
-  make_multiplexed(&m);
+  release_put_multiplexed(&m);
   stop(&m);
   snprintf(spec, sizeof spec, "moving,rig=mono,arc=0,size=%dx%d", SIM_PX, SIM_PX);
   start(&m, root, spec);

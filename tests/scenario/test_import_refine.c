@@ -200,6 +200,24 @@ TEST(test_in_training) {
   assert_true(off > right - 0.3);
   lab_shell_run_well(&shell, "@ train --data sim --steps 5 --gaussians 500 --refine-poses --out t2");
   assert_contains(shell.said, "left as they are");
+  assert_int_not_equal(lab_shell_run(&shell, "ls t2/transforms_refined.json"), 0);
+}
+
+// The poses that training ended with are in a file of their own, which is read with the model.
+TEST(test_saved) {
+  need_matches();
+  lab_shell_run_well(&shell, "@ train --data off " TRAIN "t3");
+  lab_shell_run_well(&shell, "cp -r off kept && cp t3/transforms_refined.json kept/transforms.json");
+  const pose_error off = error_of("off"), kept = error_of("kept");
+  print_message("off %.4f deg %.5f; saved %.4f deg %.5f\n", off.deg, off.share, kept.deg, kept.share);
+  const double own = psnr_after("@ eval --data off --model t3/model.ply --split train");
+  const double same =
+      psnr_after("@ eval --data kept --model t3/model.ply --split train --transforms transforms.json");
+  const double wrong =
+      psnr_after("@ eval --data off --model t3/model.ply --split train --transforms transforms.json");
+  print_message("training views %.2f dB by the saved poses, %.2f in a copy, %.2f by the old ones\n", own,
+                same, wrong);
+  assert_true(own == same && own > wrong + 8 && kept.deg < 0.7 * off.deg);
 }
 
 // Views that are placed against a model that stays: by half a degree, and back to the digit nearly.
@@ -223,9 +241,10 @@ TEST(test_refused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_refined),     cmocka_unit_test(test_right_poses_stay),
-      cmocka_unit_test(test_free_lenses), cmocka_unit_test(test_in_training),
-      cmocka_unit_test(test_held_out),    cmocka_unit_test(test_refused),
+      cmocka_unit_test(test_refined),          cmocka_unit_test(test_saved),
+      cmocka_unit_test(test_right_poses_stay), cmocka_unit_test(test_free_lenses),
+      cmocka_unit_test(test_in_training),      cmocka_unit_test(test_held_out),
+      cmocka_unit_test(test_refused),
   };
   return cmocka_run_group_tests(tests, setup, teardown);
 }

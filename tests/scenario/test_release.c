@@ -8,9 +8,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "platform/sim/sim.h"
+#include "tests/common/exr_write.h"
 #include "tests/common/lab_shell.h"
 #include "tests/common/release_folder.h"
 #include "tests/common/test.h"
+#include "tools/common/exr.h"
 #include "tools/dataset/measurement.h"
 
 static lab_shell shell = {.cwd = ""};
@@ -219,6 +222,73 @@ TEST(test_synthetic) {
   assert_int_equal(count_views("synthetic_toy", "transforms_train_mono_1views.json", "test_near"), 6);
 }
 
+// Depth of the test views, from world positions, is that of the simulator to half a step.
+TEST(test_synthetic_depth) {
+  static float depth[RELEASE_SIDE * RELEASE_SIDE], truth[RELEASE_SIDE * RELEASE_SIDE];
+  static uint8_t rgb[3 * RELEASE_SIDE * RELEASE_SIDE];
+  lab_views v;
+  lab_loader loader = {0};
+  sv_sim sim;
+  sv_sim_config cfg;
+  lab_shell_need(&shell);
+  if (!lab_has_exr()) skip();
+  assert_ok(sv_sim_parse(&cfg, "textured,rig=mono,size=256x256", &err), &err);
+  const size_t bytes = sv_sim_bytes(&cfg) + SV_ARENA_ALIGN;
+  void *block = malloc(bytes);
+  assert_non_null(block);
+  sv_arena a = sv_arena_make(block, bytes);
+  assert_ok(sv_sim_init(&sim, &cfg, &a, &err), &err);
+  open_views(&v, "synthetic_toy", "transforms_train_mono_1views.json", "test");
+  assert_true(v.has_depth && v.n == RELEASE_N_TEST);
+  for (int i = 0; i < v.n; i++) {
+    const double unit = v.frames[i].f.depth_unit;
+    int n = 0;
+    assert_true(v.frames[i].f.depth_kind == SV_DEPTH_Z && unit > 0 && unit < 2e-4);
+    assert_ok(lab_depth_load(&loader, &v.frames[i], 1, depth, &err), &err);
+    sv_sim_render(&sim, &v.frames[i].view, 0, rgb, truth);
+    for (size_t k = 0; k < RELEASE_SIDE * RELEASE_SIDE; k++) {
+      assert_near(depth[k], truth[k], 0.5 * unit + 1e-5);
+      n += truth[k] > 0;
+    }
+    assert_in_range(n, 500, RELEASE_SIDE * RELEASE_SIDE - 500);
+  }
+  lab_loader_free(&loader);
+  lab_views_free(&v);
+  free(block);
+}
+
+// Positions that cannot be read are told in one sentence with their file.
+TEST(test_hostile_positions) {
+  static float values[RELEASE_SIDE * RELEASE_SIDE];
+  static const char *const cases[][2] = {
+      {"truncate -s 2000 %s", "cannot be read as OpenEXR"},
+      {"truncate -s 0 %s", "cannot be read as OpenEXR"},
+      {"rm %s", "cannot be read as OpenEXR"},
+      {"head -c 9000 /dev/urandom >%s", "cannot be read as OpenEXR"},
+      {"cp other.exr %s", "has no channel V"},
+      {"cp small.exr %s", "8x8 pixels; expected 96x96"},
+      // the window's far corner, behind the words dataWindow and box2i and its size
+      {"perl -pi -e 's/(dataWindow.box2i.....\\0{8}).{8}/$1\\x2f\\x75\\0\\0\\x2f\\x75\\0\\0/s' %s",
+       "30000x30000 pixels; expected 96x96"},
+  };
+  char path[600];
+  lab_shell_need(&shell);
+  if (!lab_has_exr()) skip();
+  snprintf(path, sizeof path, "%s/other.exr", shell.root);
+  exr_write(path, &(exr_image){"Y", RELEASE_SIDE, RELEASE_SIDE, values});
+  snprintf(path, sizeof path, "%s/small.exr", shell.root);
+  exr_write(path, &(exr_image){"V", 8, 8, values});
+  for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+    char line[400];
+    lab_shell_run_well(&shell, "rm -rf h x && mkdir h && cp -r r/data/synthetic h/");
+    snprintf(line, sizeof line, cases[i][0], "h/synthetic/toy/positions/position_y_0003.exr");
+    lab_shell_run_well(&shell, line);
+    assert_int_equal(lab_shell_run(&shell, "@ import --from lightfield-release h --out x"), 1);
+    assert_contains(shell.said, "position_y_0003.exr");
+    assert_contains(shell.said, cases[i][1]);
+  }
+}
+
 // The overlapping grid: views are turned and transposed on the sensor, and four meet at most.
 TEST(test_synthetic_sensor) {
   lab_views v;
@@ -318,11 +388,12 @@ TEST(test_refused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_what_is_made), cmocka_unit_test(test_static),
-      cmocka_unit_test(test_pixel_budget), cmocka_unit_test(test_alignment),
-      cmocka_unit_test(test_casual),       cmocka_unit_test(test_dynamic),
-      cmocka_unit_test(test_synthetic),    cmocka_unit_test(test_synthetic_sensor),
-      cmocka_unit_test(test_multiplexed),  cmocka_unit_test(test_tables),
+      cmocka_unit_test(test_what_is_made),    cmocka_unit_test(test_static),
+      cmocka_unit_test(test_pixel_budget),    cmocka_unit_test(test_alignment),
+      cmocka_unit_test(test_casual),          cmocka_unit_test(test_dynamic),
+      cmocka_unit_test(test_synthetic),       cmocka_unit_test(test_synthetic_sensor),
+      cmocka_unit_test(test_synthetic_depth), cmocka_unit_test(test_hostile_positions),
+      cmocka_unit_test(test_multiplexed),     cmocka_unit_test(test_tables),
       cmocka_unit_test(test_refused)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

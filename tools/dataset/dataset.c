@@ -10,23 +10,14 @@
 
 #define MOST_LISTED 4 // names in one sentence
 
-// A transforms file in memory.
-typedef struct {
-  char path[SV_CAP_PATH];
-  void *text;
-  jsmntok_t *tok;
-  sv_transforms t;
-  sv_transforms_frame *frames;
-} file;
-
-static void file_free(file *f) {
+void lab_transforms_free(lab_transforms_file *f) {
   free(f->text);
   free(f->tok);
   free(f->frames);
   memset(f, 0, sizeof *f);
 }
 
-static sv_status file_parse(file *f, size_t bytes, sv_err *err) {
+static sv_status file_parse(lab_transforms_file *f, size_t bytes, sv_err *err) {
   int n_tok;
   sv_status s = sv_json_count(f->path, f->text, bytes, &n_tok, err);
   if (s != SV_OK) return s;
@@ -39,13 +30,14 @@ static sv_status file_parse(file *f, size_t bytes, sv_err *err) {
   return sv_transforms_read(&f->t, f->frames, f->t.n_frames, err);
 }
 
-static sv_status file_open(file *f, const char *folder, const char *name, sv_err *err) {
+sv_status lab_transforms_open(lab_transforms_file *f, const char *folder, const char *name, sv_err *err) {
   size_t bytes;
   memset(f, 0, sizeof *f);
   sv_status s = sv_path_join(f->path, sizeof f->path, folder, name, err);
+  sv_path_folder(f->folder, sizeof f->folder, f->path);
   if (s == SV_OK) s = sv_file_read(f->path, &f->text, &bytes, err);
   if (s == SV_OK) s = file_parse(f, bytes, err);
-  if (s != SV_OK) file_free(f);
+  if (s != SV_OK) lab_transforms_free(f);
   return s;
 }
 
@@ -120,7 +112,8 @@ static sv_status training_name(const lab_source *src, char out[SV_TRANSFORMS_CAP
 static bool is_train_mark(const char *split) { return !*split || sv_str_eq(split, "train"); }
 
 // Whether frame i of the training file is kept from training.
-static bool is_held_out(const file *f, const lab_source *src, const char *name, bool has_marks, int i) {
+static bool is_held_out(const lab_transforms_file *f, const lab_source *src, const char *name, bool has_marks,
+                        int i) {
   if (has_marks) return !is_train_mark(f->frames[i].split);
   if (sv_str_eq(sv_path_name(name), "transforms_train.json") ||
       exists_in(src->folder, "transforms_test.json"))
@@ -134,7 +127,7 @@ static int test_rank(const sv_transforms_frame *f) {
   return sv_str_eq(f->split, "test") ? 2 : sv_str_eq(f->split, "test_time") ? 0 : 1;
 }
 
-static bool has_marks(const file *f) {
+static bool has_marks(const lab_transforms_file *f) {
   for (int i = 0; i < f->t.n_frames; i++)
     if (*f->frames[i].split) return true;
   return false;
@@ -147,7 +140,7 @@ static int compare_ints(const void *a, const void *b) {
 
 // Takes away the mark of frames beyond the first n exposures. Without exposure numbers each frame
 // is one, and the most dispersed stay.
-static sv_status keep_exposures(const file *f, int n, bool *is_in, sv_err *err) {
+static sv_status keep_exposures(const lab_transforms_file *f, int n, bool *is_in, sv_err *err) {
   int *id = malloc((size_t)f->t.n_frames * sizeof *id), n_id = 0;
   if (!id) return sv_fail(err, SV_E_NOMEM, "%s: no memory for its exposures", f->path);
   for (int i = 0; i < f->t.n_frames; i++)
@@ -167,7 +160,7 @@ static sv_status keep_exposures(const file *f, int n, bool *is_in, sv_err *err) 
 }
 
 // Leaves the frames of one camera.
-static sv_status keep_camera(const file *f, const lab_source *src, bool *is_in, sv_err *err) {
+static sv_status keep_camera(const lab_transforms_file *f, const lab_source *src, bool *is_in, sv_err *err) {
   listed l = {.room = 140};
   int n = 0;
   for (int i = 0; i < f->t.n_frames; i++) n += is_in[i] && sv_str_eq(f->frames[i].camera, src->camera);
@@ -184,8 +177,8 @@ static sv_status keep_camera(const file *f, const lab_source *src, bool *is_in, 
 }
 
 // Marks the frames of a split; f is the file that `name` names.
-static sv_status choose_frames(const file *f, const lab_source *src, const char *name, bool is_training_file,
-                               bool *is_in, sv_err *err) {
+static sv_status choose_frames(const lab_transforms_file *f, const lab_source *src, const char *name,
+                               bool is_training_file, bool *is_in, sv_err *err) {
   bool marks = has_marks(f), is_train = sv_str_eq(src->split, "train"), is_all = sv_str_eq(src->split, "all");
   int n = 0, best = 0;
   for (int i = 0; i < f->t.n_frames; i++)
@@ -342,10 +335,8 @@ static sv_status prepare_all(lab_views *v, const lab_source *src, const char *fo
 }
 
 // The frames that are in, in the file's order.
-static sv_status collect(lab_views *v, const file *f, const bool *is_in, const lab_source *src,
+static sv_status collect(lab_views *v, const lab_transforms_file *f, const bool *is_in, const lab_source *src,
                          const sv_pool *pool, sv_err *err) {
-  char folder[SV_CAP_PATH];
-  sv_path_folder(folder, sizeof folder, f->path);
   for (int i = 0; i < f->t.n_frames; i++) v->n += is_in[i];
   v->frames = calloc((size_t)v->n, sizeof *v->frames);
   if (!v->frames) return sv_fail(err, SV_E_NOMEM, "%s: no memory for %d views", f->path, v->n);
@@ -354,18 +345,28 @@ static sv_status collect(lab_views *v, const file *f, const bool *is_in, const l
   v->scale = src->scale > 1 ? src->scale : 1;
   v->unit = f->t.unit;
   if (*f->t.ply_file_path) {
-    sv_status s = sv_path_join(v->points, sizeof v->points, folder, f->t.ply_file_path, err);
+    sv_status s = sv_path_join(v->points, sizeof v->points, f->folder, f->t.ply_file_path, err);
     if (s != SV_OK) return s;
   }
   if (src->is_multiplexed) {
-    sv_status s = lab_measurements_find(v, &f->t, folder, src->is_white, err);
+    sv_status s = lab_measurements_find(v, &f->t, f->folder, src->is_white, err);
     if (s != SV_OK) return s;
   }
-  return prepare_all(v, src, folder, pool, err);
+  return prepare_all(v, src, f->folder, pool, err);
+}
+
+// The training file, or that with refined poses in its place; pictures are the dataset's.
+static sv_status open_training(lab_transforms_file *f, const lab_source *src, const char *name, sv_err *err) {
+  char path[SV_CAP_PATH];
+  if (!src->refined || !*src->refined) return lab_transforms_open(f, src->folder, name, err);
+  sv_status s = sv_path_join(path, sizeof path, src->folder, name, err);
+  if (s == SV_OK) s = lab_transforms_open(f, "", src->refined, err);
+  if (s == SV_OK) sv_path_folder(f->folder, sizeof f->folder, path);
+  return s;
 }
 
 // The file that holds a split: the training file, or one of its own.
-static sv_status open_split(file *f, const lab_source *src, char name[SV_TRANSFORMS_CAP_PATH],
+static sv_status open_split(lab_transforms_file *f, const lab_source *src, char name[SV_TRANSFORMS_CAP_PATH],
                             bool *is_training_file, sv_err *err) {
   char own[SV_TRANSFORMS_CAP_PATH];
   sv_fmt(own, sizeof own, "transforms_%.100s.json", src->split);
@@ -375,20 +376,21 @@ static sv_status open_split(file *f, const lab_source *src, char name[SV_TRANSFO
   sv_status s = SV_OK;
   if (*is_training_file) s = training_name(src, name, err);
   else sv_copy(name, SV_TRANSFORMS_CAP_PATH, own);
-  if (s == SV_OK) s = file_open(f, src->folder, name, err);
+  if (s == SV_OK)
+    s = *is_training_file ? open_training(f, src, name, err) : lab_transforms_open(f, src->folder, name, err);
   if (s != SV_OK || is_train || is_test || !has_own) return s;
   // marks inside the training file go before a file of the name
   for (int i = 0; i < f->t.n_frames; i++)
     if (sv_str_eq(f->frames[i].split, src->split)) return SV_OK;
-  file_free(f);
+  lab_transforms_free(f);
   *is_training_file = false;
   sv_copy(name, SV_TRANSFORMS_CAP_PATH, own);
-  return file_open(f, src->folder, name, err);
+  return lab_transforms_open(f, src->folder, name, err);
 }
 
 // Opens the file of a split and marks its frames; *is_in is malloc'ed.
-static sv_status open_marked(file *f, bool **is_in, const lab_source *src, char name[SV_TRANSFORMS_CAP_PATH],
-                             sv_err *err) {
+static sv_status open_marked(lab_transforms_file *f, bool **is_in, const lab_source *src,
+                             char name[SV_TRANSFORMS_CAP_PATH], sv_err *err) {
   bool is_training_file;
   *is_in = NULL;
   sv_status s = open_split(f, src, name, &is_training_file, err);
@@ -399,14 +401,14 @@ static sv_status open_marked(file *f, bool **is_in, const lab_source *src, char 
   if (s != SV_OK) {
     free(*is_in);
     *is_in = NULL;
-    file_free(f);
+    lab_transforms_free(f);
   }
   return s;
 }
 
 // The test views near to what was trained on, in place of transforms_test_near.json.
-static sv_status open_near(file *f, bool **is_in, const lab_source *src, char name[SV_TRANSFORMS_CAP_PATH],
-                           sv_err *err) {
+static sv_status open_near(lab_transforms_file *f, bool **is_in, const lab_source *src,
+                           char name[SV_TRANSFORMS_CAP_PATH], sv_err *err) {
   lab_source part = *src;
   double centre[3];
   sv_status s = open_marked(f, is_in, &part, name, err); // so marked in the training file
@@ -417,7 +419,7 @@ static sv_status open_near(file *f, bool **is_in, const lab_source *src, char na
   if (s != SV_OK) return s;
   lab_mean_centre(f->frames, f->t.n_frames, *is_in, centre);
   free(*is_in);
-  file_free(f);
+  lab_transforms_free(f);
   part.split = "test";
   part.camera = src->camera;
   if ((s = open_marked(f, is_in, &part, name, err)) == SV_E_NOT_FOUND && !src->camera)
@@ -433,7 +435,7 @@ static sv_status open_near(file *f, bool **is_in, const lab_source *src, char na
 }
 
 sv_status lab_views_open(lab_views *v, const lab_source *src, const sv_pool *pool, sv_err *err) {
-  file f;
+  lab_transforms_file f;
   bool *is_in;
   memset(v, 0, sizeof *v);
   bool is_near = sv_str_eq(src->split, "test_near") && !exists_in(src->folder, "transforms_test_near.json");
@@ -441,7 +443,7 @@ sv_status lab_views_open(lab_views *v, const lab_source *src, const sv_pool *poo
   if (s != SV_OK) return s;
   s = collect(v, &f, is_in, src, pool, err);
   free(is_in);
-  file_free(&f);
+  lab_transforms_free(&f);
   if (s != SV_OK) lab_views_free(v);
   return s;
 }

@@ -60,6 +60,9 @@ typedef struct {
   // the file that `transforms` is from, which may be gone by now: then by the rule. NULL or empty:
   // the user said it
   const char *told_by;
+  // the training file with other poses (train --refine-poses), which is read in its place; its
+  // pictures are in `folder`. NULL or empty: none
+  const char *refined;
   const char *split;
   const char *camera; // only frames of this camera; NULL: all
   // trained on, for the splits train and test_near; below 1: all. Frames with exposure
@@ -89,6 +92,18 @@ typedef struct {
   char transforms[SV_TRANSFORMS_CAP_PATH]; // name of the file that was read
   char points[SV_CAP_PATH];                // its points, empty when it names none
 } lab_views;
+
+// A transforms file in memory; lab_transforms_free.
+typedef struct {
+  char path[SV_CAP_PATH], folder[SV_CAP_PATH]; // folder: that its paths are relative to
+  void *text;
+  jsmntok_t *tok;
+  sv_transforms t;
+  sv_transforms_frame *frames; // [t.n_frames]
+} lab_transforms_file;
+sv_status lab_transforms_open(lab_transforms_file *f, const char *folder, const char *name,
+                              sv_err *err) SV_MUST_USE;
+void lab_transforms_free(lab_transforms_file *f);
 
 // Selects the frames, finds the files and reads their sizes; no image is decoded. Free with
 // lab_views_free.

@@ -5,6 +5,8 @@
 #ifndef SV_TOOLS_IMPORT_IMPORT_H
 #define SV_TOOLS_IMPORT_IMPORT_H
 
+#include <stdio.h>
+
 #include "src/format/colmap.h"
 #include "tools/lab/lab.h"
 
@@ -48,6 +50,9 @@ sv_status lab_import_write(lab_import *im, lab_session *s, const char *out, sv_e
 // the folder's lock. Points go beside it: transforms_train_mono.json has points3d_mono.ply.
 sv_status lab_import_write_as(lab_import *im, lab_session *s, const char *folder, const char *transforms,
                               sv_err *err) SV_MUST_USE;
+
+// A pose as transforms JSON has it: camera to world, OpenGL's axes (y and z turned).
+void lab_put_matrix(FILE *f, const sv_pose *cam_from_world);
 
 // Points as a PLY with colors.
 sv_status lab_import_write_points(const lab_import *im, const char *path, sv_err *err) SV_MUST_USE;

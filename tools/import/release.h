@@ -45,6 +45,10 @@ bool lab_release_is_named(const sv_names *names, const char *name);
 void lab_release_reduce_model(sv_camera_model *m, int k);
 // Copies the view; E_NOMEM.
 sv_status lab_release_copy(lab_import *to, const lab_import_view *v, sv_err *err) SV_MUST_USE;
+// Synthetic test views get the depth of SCENE/positions, where that is there; images go to
+// FOLDER/images.
+sv_status lab_release_positions(const lab_release *r, lab_import *im, const char *scene, const char *folder,
+                                sv_err *err) SV_MUST_USE;
 // Calls fn for each subfolder of data/KIND, by name.
 typedef sv_status lab_release_scene_fn(lab_release *r, const char *folder, const char *scene, sv_err *err);
 sv_status lab_release_scenes(lab_release *r, const char *kind, lab_release_scene_fn *fn,

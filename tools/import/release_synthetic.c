@@ -307,6 +307,7 @@ static sv_status test_file(scene_job *j, int *n, sv_err *err) {
     im.views[i].sub_view = i < SV_CAP_SUB_VIEWS ? i : -1;
   }
   *n = im.n;
+  if (s == SV_OK) s = lab_release_positions(j->r, &im, j->source, j->folder, err);
   if (s == SV_OK) s = lab_import_write_as(&im, j->r->se, j->folder, "transforms_test.json", err);
   lab_import_free(&im);
   return s;

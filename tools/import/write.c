@@ -88,6 +88,7 @@ static sv_status copy_beside(const lab_import_view *v, const char *what, const c
   if (!*source) return SV_OK;
   name_beside(v, what, source, name, sizeof name);
   sv_status s = sv_path_join(to, sizeof to, folder, name, err);
+  if (s == SV_OK && strcmp(source, to) == 0) return SV_OK; // made in place
   return s == SV_OK ? copy_whole(source, to, err) : s;
 }
 
@@ -204,10 +205,9 @@ static sv_status check_model(const lab_import_view *v, sv_err *err) {
   return SV_OK;
 }
 
-// OpenGL's camera-to-world: y and z axes turned.
-static void put_pose(FILE *f, const sv_pose *cam_from_world) {
+void lab_put_matrix(FILE *f, const sv_pose *cam_from_world) {
   sv_pose w = sv_pose_inv(cam_from_world);
-  fprintf(f, ", \"transform_matrix\": [");
+  fprintf(f, "[");
   for (int i = 0; i < 3; i++)
     fprintf(f, "[%.17g, %.17g, %.17g, %.17g], ", w.r[3 * i], -w.r[3 * i + 1], -w.r[3 * i + 2], w.t[i]);
   fprintf(f, "[0, 0, 0, 1]]");
@@ -256,7 +256,8 @@ static void put_view(FILE *f, const lab_import_view *v) {
     sv_str_add_json(&s, name);
     fprintf(f, ", \"depth_prior\": \"images/%s\"", text);
   }
-  put_pose(f, &v->cam_from_world);
+  fprintf(f, ", \"transform_matrix\": ");
+  lab_put_matrix(f, &v->cam_from_world);
   fprintf(f, "}");
 }
 

@@ -127,7 +127,7 @@ static const sv_option table[] = {
      "(with "
      "OpenCV), then while training; poses that explain the matches stay. Held-out views are placed against "
      "the model "
-     "before they are scored",
+     "before they are scored. The poses are saved beside the model (transforms_refined.json)",
      0, 0, 0},
     {"refine-poses", SV_OPT_FLAG, LAB_EVAL, 0, AT(is_refining), 0,
      "refine the pose of each view against the model before it is scored, as train --refine-poses --eval "

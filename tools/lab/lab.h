@@ -108,6 +108,7 @@ typedef struct {
   char transforms[SV_TRANSFORMS_CAP_PATH]; // empty: by the rule of the dataset
   // train.json, when it is who says `transforms`; else empty
   char told_by[SV_CAP_PATH];
+  char refined[SV_CAP_PATH]; // the training file with refined poses, beside the model; empty: none
   sv_background background;
   int scale;
   int n_exposures; // trained on; 0: all

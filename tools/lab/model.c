@@ -192,6 +192,7 @@ static sv_status settings_parse(lab_settings *st, const sv_json *j, sv_err *err)
   if (s >= 0) s = sv_json_get_int(j, 0, "scale", (sv_json_range){1, 64}, &scale, err);
   if (s >= 0) s = sv_json_get_int(j, 0, "exposures", (sv_json_range){1, 1000000}, &n_exposures, err);
   if (s >= 0) s = sv_json_get_string(j, 0, "transforms", st->transforms, sizeof st->transforms, err);
+  if (s >= 0) s = sv_json_get_string(j, 0, "refined_poses", st->refined, sizeof st->refined, err);
   int i = sv_json_get(j, 0, "antialiased"), k = sv_json_get(j, 0, "scene_centre");
   if (s >= 0 && i >= 0) s = sv_json_bool(j, i, &st->is_antialiased, err);
   if (s >= 0) s = get_float(j, "dilation_px2", &st->dilation_px2, err);
@@ -222,6 +223,10 @@ sv_status lab_settings_read(lab_settings *out, const char *model_path, sv_err *e
   if (s == SV_OK) s = sv_json_parse(&j, &(sv_file_data){path, text, bytes}, tok, n_tok, err);
   if (s == SV_OK) s = settings_parse(out, &j, err);
   sv_copy(out->told_by, sizeof out->told_by, path);
+  if (s == SV_OK && *out->refined) {
+    sv_copy(path, sizeof path, sv_path_name(out->refined));
+    s = sv_path_join(out->refined, sizeof out->refined, folder, path, err);
+  }
   free(tok);
   free(text);
   return s;
@@ -238,7 +243,7 @@ sv_status lab_settings_for(lab_settings *st, const lab_options *o, const lab_mod
   if (o->transforms && !sv_copy(st->transforms, sizeof st->transforms, o->transforms))
     return sv_fail(err, SV_E_RANGE, "the name given with --transforms is longer than %zu bytes",
                    sizeof st->transforms);
-  if (o->transforms) st->told_by[0] = 0;
+  if (o->transforms) st->told_by[0] = st->refined[0] = 0;
   if (st->near_z > 0 && st->radius > 0) return SV_OK;
   size_t bytes = (size_t)m->g.n * sizeof(float) + 2 * SV_ARENA_ALIGN;
   void *block = malloc(bytes);

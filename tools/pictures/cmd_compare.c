@@ -123,6 +123,7 @@ static sv_status open_views(run *r, const lab_settings *st, sv_err *err) {
   lab_source src = {.folder = r->o->data,
                     .transforms = st->transforms,
                     .told_by = st->told_by,
+                    .refined = st->refined,
                     .split = r->split,
                     .n_exposures = sv_str_eq(r->split, "test_near") ? st->n_exposures : 0,
                     .scale = st->scale};

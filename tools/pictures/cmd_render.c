@@ -147,6 +147,7 @@ static sv_status open_views(run *r, sv_err *err) {
   lab_source src = {.folder = r->o->data,
                     .transforms = r->settings.transforms,
                     .told_by = r->settings.told_by,
+                    .refined = r->settings.refined,
                     .split = r->o->orbit > 0 ? "train"
                              : r->o->split   ? r->o->split
                                              : "test",

@@ -35,6 +35,7 @@ sv_status lab_surface_open(lab_surface *u, const lab_options *o, lab_session *se
   const lab_source src = {.folder = o->data,
                           .transforms = u->settings.transforms,
                           .told_by = u->settings.told_by,
+                          .refined = u->settings.refined,
                           .split = split,
                           .scale = u->settings.scale};
   if ((s = lab_views_open(&u->views, &src, &se->pool, err)) != SV_OK) return s;

@@ -41,6 +41,7 @@ static sv_status evaluate(run *r, sv_err *err) {
   lab_source src = {.folder = r->o->data,
                     .transforms = r->settings.transforms,
                     .told_by = r->settings.told_by,
+                    .refined = r->settings.refined,
                     .split = r->split,
                     .camera = r->o->camera,
                     .n_exposures = sv_str_eq(r->split, "test_near") ? r->settings.n_exposures : 0,
@@ -55,6 +56,7 @@ static sv_status evaluate(run *r, sv_err *err) {
   lab_source train = {.folder = r->o->data,
                       .transforms = r->settings.transforms,
                       .told_by = r->settings.told_by,
+                      .refined = r->settings.refined,
                       .n_exposures = r->settings.n_exposures,
                       .scale = r->settings.scale};
   static lab_source others[LAB_CAP_SHARED];
@@ -65,7 +67,7 @@ static sv_status evaluate(run *r, sv_err *err) {
   for (int i = 0; i < n_others; i++) {
     others[i] = train;
     others[i].transforms = names[i];
-    others[i].told_by = NULL;
+    others[i].told_by = others[i].refined = NULL;
   }
   lab_eval_job job = {.session = &r->session,
                       .shared_with = others,

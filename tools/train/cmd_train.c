@@ -69,28 +69,10 @@ static sv_train_cfg train_cfg(const lab_options *o, sv_dynamic_cfg *d) {
   return c;
 }
 
-// How often the file's frames share an exposure; frames without a number are exposures of their
-// own.
-static sv_sampling sampling_of(const lab_views *v) {
-  sv_sampling s = {.is_multiplexed = v->n_measurements > 0};
-  for (int i = 0; i < v->n; i++) {
-    int n = 1, e = v->frames[i].f.exposure;
-    bool is_first = true;
-    for (int k = 0; e >= 0 && k < v->n; k++) {
-      if (k == i || v->frames[k].f.exposure != e) continue;
-      is_first &= k > i;
-      n++;
-    }
-    s.n_exposures += is_first;
-    if (n > s.n_sub_views) s.n_sub_views = n;
-  }
-  return s;
-}
-
 static void choose_objective(run *r) {
   const lab_options *o = r->o;
   sv_train_cfg *c = &r->cfg;
-  sv_sampling s = sampling_of(&r->views);
+  sv_sampling s = lab_sampling_of(&r->views);
   s.is_moving = c->has_motion;
   if (s.is_moving) lab_dynamic_cfg(o, c->expected_steps, lab_n_times(&r->views), &r->extras.dynamic);
   if (s.is_moving) s.n_exposures = (lab_n_places(&r->views) + s.n_sub_views - 1) / s.n_sub_views;
@@ -457,12 +439,13 @@ static void report_settings(lab_report *j, const run *r) {
   lab_report_bool(j, "undistorted", r->views.is_undistorted);
   lab_report_num(j, "near_z", (double)r->render.near_z);
   lab_report_bool(j, "stopped", r->is_stopped);
+  if (r->is_refining) lab_report_text(j, "refined_poses", LAB_POSES_NAME);
 }
 
 // All are written before the first takes its place: what can fail or take long leaves an older
 // model whole.
 static sv_status save_in(run *r, const char *folder, sv_err *err) {
-  enum { MODEL, MOTION, SETTINGS, N_FILES };
+  enum { MODEL, MOTION, POSES, SETTINGS, N_FILES };
   sv_file files[N_FILES];
   char model[SV_CAP_PATH], path[SV_CAP_PATH];
   lab_report j;
@@ -481,14 +464,16 @@ static sv_status save_in(run *r, const char *folder, sv_err *err) {
   if (s == SV_OK) s = sv_path_join(path, sizeof path, folder, "train.json", err);
   if (s == SV_OK) s = lab_model_begin(&files[MODEL], g, &notes, model, err);
   if (s == SV_OK && is_dynamic) s = lab_motion_begin(&files[MOTION], &r->plan.dynamic.deform, g, model, err);
+  if (s == SV_OK && r->is_refining)
+    s = lab_poses_begin(&files[POSES], &r->views, &r->plan.trainer, r->o->data, folder, err);
   if (s == SV_OK && j.is_failed) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its text", path);
   if (s == SV_OK) s = sv_file_begin(&files[SETTINGS], path, err);
   if (s == SV_OK) s = sv_file_append(&files[SETTINGS], j.text, j.bytes, err);
   lab_report_free(&j);
   for (int i = 0; i < N_FILES; i++)
     if (s == SV_OK && files[i].dir_fd >= 0) s = sv_file_commit(&files[i], err);
-    else if (s == SV_OK) s = lab_motion_remove(model, err); // of an earlier model
-    else sv_file_abandon(&files[i]);
+    else if (s == SV_OK && i == MOTION) s = lab_motion_remove(model, err); // of an earlier model
+    else if (s != SV_OK) sv_file_abandon(&files[i]);
   return s;
 }
 
@@ -524,6 +509,7 @@ static sv_status print(const run *r, sv_err *err) {
   printf("trained %d Gaussians on %d views: %u steps in %.1f s (%.1f steps/s), loss %.4f%s\n",
          r->plan.trainer.g.n, r->views.n, r->plan.trainer.step, r->driver.train_s,
          sv_driver_steps_per_s(&r->driver), r->driver.loss, r->is_stopped ? ", stopped early" : "");
+  if (r->is_refining) printf("refined poses: %s/" LAB_POSES_NAME "\n", r->o->out);
   if (r->has_scores) {
     printf("%s views %d: ", lab_default_split((int)r->o->exposures), r->scores.n);
     lab_scores_print(&r->scores);

@@ -117,3 +117,19 @@ void lab_plan_free(lab_plan *p) {
   if (p->block) munmap(p->block, p->bytes);
   p->block = NULL;
 }
+
+sv_sampling lab_sampling_of(const lab_views *v) {
+  sv_sampling s = {.is_multiplexed = v->n_measurements > 0};
+  for (int i = 0; i < v->n; i++) {
+    int n = 1, e = v->frames[i].f.exposure;
+    bool is_first = true;
+    for (int k = 0; e >= 0 && k < v->n; k++) {
+      if (k == i || v->frames[k].f.exposure != e) continue;
+      is_first &= k > i;
+      n++;
+    }
+    s.n_exposures += is_first;
+    if (n > s.n_sub_views) s.n_sub_views = n;
+  }
+  return s;
+}

@@ -5,6 +5,7 @@
 
 #include "src/dynamic/dynamic.h"
 #include "src/prior/prior.h"
+#include "src/train/driver.h"
 #include "tools/lab/lab.h"
 
 // What is attached to the trainer, and what it starts from.
@@ -33,5 +34,9 @@ typedef struct {
 sv_status lab_plan_make(lab_plan *p, lab_session *s, const lab_views *v, sv_train_cfg cfg,
                         const lab_plan_extras *x, sv_err *err) SV_MUST_USE;
 void lab_plan_free(lab_plan *p);
+
+// How often the file's frames share an exposure; frames without a number are exposures of their
+// own.
+sv_sampling lab_sampling_of(const lab_views *v);
 
 #endif

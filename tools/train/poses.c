@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/train/poses.h"
 
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "src/base/mathx.h"
@@ -108,4 +110,50 @@ lab_poses_moved lab_poses_measure(const sv_trainer *t) {
     m.shift /= m.n;
   }
   return m;
+}
+
+// --- after training ------------------------------------------------------------------------------
+
+static sv_pose trained_pose(const lab_views *v, const sv_trainer *t, int i) {
+  const int e = t->poses.pose_of[i];
+  return e < 0 ? v->frames[i].f.cam_from_world
+               : sv_pose_mul(&t->poses.cam_from_rig[i], &t->poses.pose[e].rig_from_world);
+}
+
+// The text of the transforms file with other matrices. Views are frames of it, in its order.
+static sv_status rewrite(FILE *out, const sv_transforms *file, const sv_transforms_frame *frames,
+                         const lab_views *v, const sv_trainer *t, sv_err *err) {
+  const sv_json *j = &file->json;
+  int at = 0, i = 0, object = sv_json_first(j, sv_json_get(j, 0, "frames"));
+  for (int k = 0; k < file->n_frames && i < v->n; k++, object = sv_json_next(j, object)) {
+    const sv_transforms_frame *f = &v->frames[i].f;
+    if (!sv_str_eq(frames[k].file_path, f->file_path) || frames[k].exposure != f->exposure ||
+        frames[k].sub_view != f->sub_view || frames[k].time != f->time)
+      continue;
+    const jsmntok_t *matrix = &j->tok[sv_json_get(j, object, "transform_matrix")];
+    const sv_pose pose = trained_pose(v, t, i++);
+    fwrite(j->text + at, 1, (size_t)(matrix->start - at), out);
+    lab_put_matrix(out, &pose);
+    at = matrix->end;
+  }
+  fwrite(j->text + at, 1, j->bytes - (size_t)at, out);
+  return i == v->n ? SV_OK : sv_fail(err, SV_E_FORMAT, "%s: has changed since training began", j->name);
+}
+
+sv_status lab_poses_begin(sv_file *f, const lab_views *v, const sv_trainer *t, const char *data,
+                          const char *folder, sv_err *err) {
+  char path[SV_CAP_PATH], *text = NULL;
+  lab_transforms_file file;
+  size_t bytes = 0;
+  sv_status s = lab_transforms_open(&file, data, v->transforms, err);
+  if (s != SV_OK) return s;
+  FILE *out = open_memstream(&text, &bytes);
+  if (out) s = rewrite(out, &file.t, file.frames, v, t, err);
+  if (!out || fclose(out) != 0) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its text", v->transforms);
+  if (s == SV_OK) s = sv_path_join(path, sizeof path, folder, LAB_POSES_NAME, err);
+  if (s == SV_OK) s = sv_file_begin(f, path, err);
+  if (s == SV_OK) s = sv_file_append(f, text, bytes, err);
+  free(text);
+  lab_transforms_free(&file);
+  return s;
 }

@@ -27,6 +27,12 @@ typedef struct {
 } lab_poses_moved;
 lab_poses_moved lab_poses_measure(const sv_trainer *t);
 
+// FOLDER/transforms_refined.json up to the commit: the training file of the dataset `data` with the
+// poses that training ended with. All else stays as it is, so pictures are still those of `data`.
+#define LAB_POSES_NAME "transforms_refined.json"
+sv_status lab_poses_begin(sv_file *f, const lab_views *v, const sv_trainer *t, const char *data,
+                          const char *folder, sv_err *err) SV_MUST_USE;
+
 #ifdef __cplusplus
 }
 #endif
