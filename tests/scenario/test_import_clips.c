@@ -354,7 +354,8 @@ TEST(test_hostile_movie) {
   add_boxes(0, boxes, n);
   save_movie("odd.mov");
   expect(1, "does not fit into the one around it", "@ import --from spatial odd.mov --out i");
-  expect(2, "--every multicam, spatial, realsense or oak", "@ import --from capture cap --every 1 --out i");
+  expect(2, "--every multicam, spatial, realsense, oak or rosbag",
+         "@ import --from capture cap --every 1 --out i");
 }
 
 int main(void) {

@@ -101,11 +101,9 @@ static sv_status put(void *self, int i, const sv_bitmap *b, sv_err *err) {
   return s == SV_OK ? sv_bitmap_write_png(path, b, err) : s;
 }
 
-static sv_status write_clip(const sv_import_job *job, const lab_clips *c, int k, sv_import_camera *cam,
-                            sv_err *err) {
+sv_status lab_clips_set_times(const sv_import_job *job, const lab_clips *c, int k, sv_import_camera *cam,
+                              sv_err *err) {
   const lab_clip *clip = &c->clips[k];
-  target t = {job, cam->name};
-  const lab_media_wanted want = {clip->kept, c->n_exposures, &t, put};
   cam->is_made = true;
   cam->n_times = c->n_exposures;
   cam->times_ns = calloc((size_t)c->n_exposures, sizeof(sv_ns));
@@ -114,8 +112,15 @@ static sv_status write_clip(const sv_import_job *job, const lab_clips *c, int k,
   for (int i = 1; i < c->n; i++) first_s = fmin(first_s, time_of(&c->clips[i], c->clips[i].kept[0]));
   for (int i = 0; i < c->n_exposures; i++)
     cam->times_ns[i] = FIRST_NS + (sv_ns)llrint((time_of(clip, clip->kept[i]) - first_s) * 1e9);
-  sv_status s = lab_clips_clear(job, cam->name, err);
-  return s == SV_OK ? lab_media_decode(&clip->stream, &want, err) : s;
+  return lab_clips_clear(job, cam->name, err);
+}
+
+static sv_status write_clip(const sv_import_job *job, const lab_clips *c, int k, sv_import_camera *cam,
+                            sv_err *err) {
+  target t = {job, cam->name};
+  const lab_media_wanted want = {c->clips[k].kept, c->n_exposures, &t, put};
+  sv_status s = lab_clips_set_times(job, c, k, cam, err);
+  return s == SV_OK ? lab_media_decode(&c->clips[k].stream, &want, err) : s;
 }
 
 sv_status lab_clips_write(const sv_import_job *job, const lab_clips *c, sv_import_camera *cams, sv_err *err) {

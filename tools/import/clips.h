@@ -32,7 +32,14 @@ sv_status lab_clips_pair(lab_clips *c, double every_s, sv_err *err) SV_MUST_USE;
 // names are given. Earlier pictures of these folders are removed.
 sv_status lab_clips_write(const sv_import_job *job, const lab_clips *c, sv_import_camera *cams,
                           sv_err *err) SV_MUST_USE;
+// The part of it that decodes nothing: the times of clip k, and its folder without pictures.
+sv_status lab_clips_set_times(const sv_import_job *job, const lab_clips *c, int k, sv_import_camera *cam,
+                              sv_err *err) SV_MUST_USE;
 void lab_clips_free(lab_clips *c);
+
+// --rig becomes the rig of the capture OUT; its sub-views must have the names of the cameras.
+sv_status lab_clips_take_rig(const lab_options *o, const sv_import_camera *cams, int n,
+                             sv_err *err) SV_MUST_USE;
 
 // Makes OUT/<folder> and removes the pictures in it.
 sv_status lab_clips_clear(const sv_import_job *job, const char *folder, sv_err *err) SV_MUST_USE;

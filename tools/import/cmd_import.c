@@ -86,6 +86,7 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
     if (s == SV_OK) lab_say(se, "%s: a rig of %d cameras; 'subview run --rig' reads it", o->out, n);
     return s;
   }
+  if (sv_str_eq(o->from, "rosbag")) return lab_import_rosbag(o, se, err);
   if (sv_str_eq(o->from, "spatial")) return lab_import_spatial(o, se, err);
   if (!sv_path_is_folder(o->input) && !is_network(o))
     return sv_fail(err, SV_E_NOT_FOUND, "%s: no such folder", o->input);
@@ -127,16 +128,18 @@ int lab_cmd_import(const lab_options *o) {
   int code = LAB_EXIT_OK;
   bool has_stream = sv_str_eq(o->from, "colmap") || sv_str_eq(o->from, "nerfstudio") ||
                     sv_str_eq(o->from, "blender") || is_network(o);
-  const bool is_multicam = sv_str_eq(o->from, "multicam"), is_real = sv_str_eq(o->from, "realsense");
+  const bool is_multicam = sv_str_eq(o->from, "multicam"), is_bag = sv_str_eq(o->from, "rosbag"),
+             is_real = sv_str_eq(o->from, "realsense");
   const bool is_recording =
-      is_multicam || is_real || sv_str_eq(o->from, "spatial") || sv_str_eq(o->from, "oak");
+      is_multicam || is_bag || is_real || sv_str_eq(o->from, "spatial") || sv_str_eq(o->from, "oak");
   if ((o->clock && !is_multicam) || (o->every_s > 0 && !is_recording))
-    return lab_usage("import", "--clock needs --from multicam, --every multicam, spatial, realsense or oak");
-  if (is_multicam ? o->stream != NULL : !o->rig != !o->stream)
+    return lab_usage("import",
+                     "--clock needs --from multicam, --every multicam, spatial, realsense, oak or rosbag");
+  if (is_multicam || is_bag ? o->stream != NULL : !o->rig != !o->stream)
     return lab_usage("import", "--rig and --stream must be given together");
   if (o->unit_m > 0 && !o->stream && !is_real)
     return lab_usage("import", "--unit needs --rig and --stream, or --from realsense");
-  if (o->rig && !has_stream && !is_multicam)
+  if (o->rig && !has_stream && !is_multicam && !is_bag)
     return lab_usage("import",
                      "--rig and --stream need --from colmap, nerfstudio, blender, vggt, megasam or dust3r");
   if (o->images && !is_network(o))

@@ -8,7 +8,6 @@
 #include <strings.h>
 
 #include "src/base/str.h"
-#include "src/format/rig_file.h"
 #include "tools/import/align.h"
 #include "tools/import/clips.h"
 #include "tools/import/import.h"
@@ -17,7 +16,6 @@
 #define SOUND_HZ      8000
 #define SOUND_CAP     (300 * SOUND_HZ) // the first five minutes are enough
 #define BRIGHTNESS_HZ 240.0
-#define RIG_BYTES     ((size_t)32 << 20)
 
 typedef struct {
   const lab_options *o;
@@ -187,42 +185,6 @@ static sv_status find_clock(job *j, sv_err *err) {
       j->o->input);
 }
 
-// --- the rig -------------------------------------------------------------------------------------
-
-static sv_status check_names(const job *j, const sv_rig *rig, sv_err *err) {
-  for (int v = 0; v < rig->n_sub_views; v++) {
-    const int k = rig->sub_views[v].i_camera;
-    if (k >= j->all.n || !sv_str_eq(rig->sub_views[v].name, j->cams[k].name))
-      return sv_fail(err, SV_E_FORMAT,
-                     "%s: its sub-view %s is of camera %d; the clips in order of their names are %s ...",
-                     j->o->rig, rig->sub_views[v].name, k, j->cams[0].name);
-  }
-  return SV_OK;
-}
-
-// The user's rig becomes the capture's.
-static sv_status take_rig(const job *j, sv_err *err) {
-  char out[SV_CAP_PATH];
-  void *block = malloc(RIG_BYTES);
-  if (!block) return sv_fail(err, SV_E_NOMEM, "%s: no memory for the rig", j->o->rig);
-  sv_arena a = sv_arena_make(block, RIG_BYTES);
-  sv_arena scratch = sv_arena_sub(&a, RIG_BYTES / 2);
-  const sv_file_reader files = {(void *)(uintptr_t)j->o->rig, sv_folder_read};
-  sv_rig rig;
-  sv_coverage_names names;
-  sv_status s = sv_rig_init(&rig, SV_CAP_SUB_VIEWS, &a);
-  if (s == SV_OK) s = sv_rig_read_coverage(&rig, &names, &files, j->all.n, &scratch, err);
-  for (int v = 0; s == SV_OK && v < rig.n_sub_views; v++)
-    if (*names.mask[v] || *names.name[v])
-      s = sv_fail(err, SV_E_UNSUPPORTED, "%s: rigs with masks or coverage images go to 'subview run --rig'",
-                  j->o->rig);
-  if (s == SV_OK) s = check_names(j, &rig, err);
-  if (s == SV_OK) s = sv_path_join(out, sizeof out, j->o->out, "rig", err);
-  if (s == SV_OK) s = lab_rig_write(&rig, out, err);
-  free(block);
-  return s;
-}
-
 // --- all of it -----------------------------------------------------------------------------------
 
 sv_status lab_import_multicam(const lab_options *o, lab_session *se, sv_err *err) {
@@ -234,7 +196,7 @@ sv_status lab_import_multicam(const lab_options *o, lab_session *se, sv_err *err
   if (s == SV_OK) s = find_clips(j, err);
   if (s == SV_OK) s = find_clock(j, err);
   if (s == SV_OK) s = lab_clips_pair(&j->all, o->every_s, err);
-  if (s == SV_OK && o->rig) s = take_rig(j, err);
+  if (s == SV_OK && o->rig) s = lab_clips_take_rig(o, j->cams, j->all.n, err);
   if (s == SV_OK) s = lab_clips_write(&j->job, &j->all, j->cams, err);
   if (s == SV_OK) {
     lab_say(se,

@@ -209,13 +209,15 @@ static const sv_option table[] = {
     {"spz-version", SV_OPT_INT, LAB_EXPORT, 0, AT(spz_version), "N",
      "spz: 4 (zstd, newest), 3 or 2 (gzip, older viewers) (4)", 2, 4, 0},
     {"from", SV_OPT_WORD, LAB_IMPORT, LAB_IMPORT, AT(from),
-     "colmap|nerfstudio|blender|vggt|megasam|dust3r|capture|multicam|spatial|realsense|oak|lenslet|lytro|"
+     "colmap|nerfstudio|blender|vggt|megasam|dust3r|capture|multicam|spatial|realsense|oak|rosbag|lenslet|"
+     "lytro|"
      "lightfield-"
      "release|"
      "4cam-board|qca|kalibr|sim",
-     "kind of the input (kalibr, dust3r, spatial: a file; vggt, megasam: a folder or .npz)", 0, 0, 0},
+     "kind of the input (kalibr, dust3r, spatial, rosbag: a file; vggt, megasam: a folder or .npz)", 0, 0, 0},
     {"every", SV_OPT_REAL, LAB_IMPORT | LAB_TRAIN, 0, AT(every_s), "SEC",
-     "of clips (import: multicam, spatial, realsense, oak): keep one exposure in so many seconds (all)",
+     "of clips (import: multicam, spatial, realsense, oak, rosbag): keep one exposure in so many seconds "
+     "(all)",
      0.001, 1e6, 0},
     {"clock", SV_OPT_WORD, LAB_IMPORT, 0, AT(clock), "auto|sound|flash|container",
      "multicam: what tells the clips' common time: sound, changes of the light, creation times; auto: the "
@@ -237,7 +239,7 @@ static const sv_option table[] = {
      "--data is a folder of clips, one a camera of this rig, which stood still", 0, 0, 0},
     {"rig", SV_OPT_TEXT, LAB_IMPORT, 0, AT(rig), "DIR",
      "not for lenslet and capture: the poses are those of one camera of this rig; add all its sub-views; "
-     "multicam: the capture's rig",
+     "multicam, rosbag: the capture's rig",
      0, 0, 0},
     {"images", SV_OPT_TEXT, LAB_IMPORT, 0, AT(images), "DIR",
      "vggt, megasam, dust3r: the pictures that the network saw, in order of their names (images/ beside the "
