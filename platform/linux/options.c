@@ -6,6 +6,10 @@
 
 #include "src/base/str.h"
 
+// Columns of --help: where the explanations begin, and where lines end.
+#define HELP_AT    29
+#define HELP_WIDTH 100
+
 int sv_options_vusage(const char *program, const char *command, const char *fmt, va_list ap) {
   char text[600];
   const char *gap = command ? " " : "";
@@ -92,12 +96,16 @@ static int set_value(const parser *p, const sv_option *op, const char *value) {
   return SV_OPTIONS_OK;
 }
 
+// Has the command this row, and can it be given as "--name"?
+static bool is_option(const sv_option *op, const sv_tool_command *c) {
+  return (op->commands & c->bit) && op->kind != SV_OPT_OPERAND && op->kind != SV_OPT_HEADING;
+}
+
 // NULL: the command has no such option.
 static const sv_option *find(const sv_options *s, const sv_tool_command *c, const char *name, size_t n) {
   for (int i = 0; i < s->n_rows; i++) {
     const sv_option *op = &s->rows[i];
-    bool is_option = (op->commands & c->bit) && op->kind != SV_OPT_OPERAND;
-    if (is_option && strlen(op->name) == n && strncmp(op->name, name, n) == 0) return op;
+    if (is_option(op, c) && strlen(op->name) == n && strncmp(op->name, name, n) == 0) return op;
   }
   return NULL;
 }
@@ -112,8 +120,7 @@ static bool *find_flag(const parser *p, const char *name) {
 static int refuse_unknown(const parser *p, const char *word, size_t n) {
   sv_near_name near = sv_near_make(word + 2, n);
   for (int i = 0; i < p->s->n_rows; i++)
-    if ((p->s->rows[i].commands & p->c->bit) && p->s->rows[i].kind != SV_OPT_OPERAND)
-      sv_near_try(&near, p->s->rows[i].name);
+    if (is_option(&p->s->rows[i], p->c)) sv_near_try(&near, p->s->rows[i].name);
   if (near.name) return refuse(p, "unknown option '%.80s' (did you mean --%s?)", word, near.name);
   return refuse(p, "unknown option '%.80s'", word);
 }
@@ -160,7 +167,8 @@ static bool is_given(const parser *p, const sv_option *op) {
   case SV_OPT_LIST: return ((const sv_option_list *)at)->n > 0;
   case SV_OPT_TEXT:
   case SV_OPT_WORD:
-  case SV_OPT_OPERAND: break;
+  case SV_OPT_OPERAND:
+  case SV_OPT_HEADING: break;
   }
   return text_at(p, op) != NULL;
 }
@@ -190,15 +198,38 @@ int sv_options_parse(const sv_options *s, const sv_tool_command *c, int argc, ch
   return is_version && *is_version ? SV_OPTIONS_OK : check_required(&p);
 }
 
+// Words of text from column HELP_AT on, in lines of at most HELP_WIDTH columns; the first line has
+// begun already.
+static void print_wrapped(const char *text) {
+  int column = HELP_AT;
+  while (*text) {
+    int n = (int)strcspn(text, " ");
+    if (column > HELP_AT && column + 1 + n > HELP_WIDTH) {
+      printf("\n%*s", HELP_AT, "");
+      column = HELP_AT;
+    }
+    column += printf("%s%.*s", column > HELP_AT ? " " : "", n, text);
+    text += n + (text[n] == ' ');
+  }
+  printf("\n");
+}
+
+static void print_option(const sv_option *op, bool is_required) {
+  char left[240], text[600];
+  int n =
+      snprintf(left, sizeof left, "  --%s%s%s", op->name, op->value ? " " : "", op->value ? op->value : "");
+  if (n + 2 <= HELP_AT) printf("%-*s", HELP_AT, left);
+  else printf("%s\n%*s", left, HELP_AT, "");
+  snprintf(text, sizeof text, "%s%s", op->help, is_required ? "; required" : "");
+  print_wrapped(text);
+}
+
 void sv_options_help(const sv_options *s, const sv_tool_command *c) {
   printf("usage: %s %s %s\n\n%s\n\nOptions (defaults in brackets):\n", s->program, c->name, c->args, c->text);
   for (int i = 0; i < s->n_rows; i++) {
     const sv_option *op = &s->rows[i];
-    if (!(op->commands & c->bit) || op->kind == SV_OPT_OPERAND) continue;
-    char left[240];
-    snprintf(left, sizeof left, "--%s %s", op->name, op->value ? op->value : "");
-    printf("  %-26s %s%s%s\n", left, strlen(left) > 26 ? "\n                             " : "", op->help,
-           op->required & c->bit ? "; required" : "");
+    if (is_option(op, c)) print_option(op, op->required & c->bit);
+    else if ((op->commands & c->bit) && op->kind == SV_OPT_HEADING) printf("\n%s:\n", op->help);
   }
   printf("\nExample:\n%s\n", c->example);
 }

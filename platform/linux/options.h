@@ -34,7 +34,8 @@ typedef enum {
   SV_OPT_REAL, // double, below 0: from lo (at least 0) to hi
   SV_OPT_LIST, // sv_option_list, n = 0
   // Const char *, NULL: the one word without an option before it. Not in the list of --help
-  SV_OPT_OPERAND
+  SV_OPT_OPERAND,
+  SV_OPT_HEADING // nothing: `help` stands above the options that follow, in --help
 } sv_option_kind;
 
 // One option of one or more commands. Several rows may have the same name when no command has two

@@ -272,7 +272,7 @@ TEST(test_help_tells_defaults) {
                                       "\n  --seed "};
   assert_int_equal(run("run --help"), 0);
   for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
-    const char *at = strstr(g_out, names[i]), *end = at ? strchr(at + 1, '\n') : NULL;
+    const char *at = strstr(g_out, names[i]), *end = at ? strstr(at + 1, "\n  --") : NULL;
     int value = 0;
     const char *bracket = end;
     while (bracket && bracket > at && *bracket != '[') bracket--;

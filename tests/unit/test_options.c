@@ -28,7 +28,9 @@ static const sv_option rows[] = {
     {"n", SV_OPT_INT, RUN, 0, AT(n), "N", "how many (3)", 0, 8, 0},
     {"x", SV_OPT_REAL, RUN, 0, AT(x), "X", "how much", 0.5, 1e3, 0},
     {"x", SV_OPT_REAL, LOOK, LOOK, AT(x), "A_LONG_ARGUMENT_OF_ITS_OWN", "another row", 0, 1, 0},
-    {"many", SV_OPT_LIST, LOOK, LOOK, AT(many), "A B ...", "some of them", 0, 0, "birds"},
+    {0, SV_OPT_HEADING, LOOK, 0, 0, 0, "Birds", 0, 0, 0},
+    {"many", SV_OPT_LIST, LOOK, LOOK, AT(many), "A B ...",
+     "as many of them as there are in the garden, in the order in which they have come there", 0, 0, "birds"},
     {"fast", SV_OPT_FLAG, RUN, 0, AT(is_fast), 0, "no waiting", 0, 0, 0},
     {"help", SV_OPT_FLAG, RUN | LOOK, 0, AT(is_help), 0, "show this help", 0, 0, 0},
     {"version", SV_OPT_FLAG, RUN | LOOK, 0, AT(is_version), 0, "the version", 0, 0, 0},
@@ -129,7 +131,8 @@ TEST(test_sentences) {
   refused(&look, "here", "unexpected argument 'here'");
   refused(&run, "--nam a", "unknown option '--nam' (did you mean --name?)");
   refused(&run, "--bogus=1", "unknown option '--bogus=1'");
-  refused(&look, "--fast", "unknown option '--fast'"); // of the other command
+  refused(&look, "--Birds", "unknown option '--Birds'"); // a heading
+  refused(&look, "--fast", "unknown option '--fast'");   // of the other command
   refused(&run, "--name", "--name needs a value");
   refused(&run, "--name=", "--name needs a value");
   // what follows is an option, known or not
@@ -172,9 +175,12 @@ TEST(test_help_and_version) {
   end_catch(stdout, f, kept);
   assert_string_equal(said, "usage: prog look [options]\n\nLooks.\n\nOptions (defaults in brackets):\n"
                             "  --name NAME                what it is called\n"
-                            "  --x A_LONG_ARGUMENT_OF_ITS_OWN \n"
+                            "  --x A_LONG_ARGUMENT_OF_ITS_OWN\n"
                             "                             another row; required\n"
-                            "  --many A B ...             some of them; required\n"
+                            "\nBirds:\n"
+                            "  --many A B ...             as many of them as there are in the garden, in the "
+                            "order in which they\n"
+                            "                             have come there; required\n"
                             "  --help                     show this help\n"
                             "  --version                  the version\n"
                             "\nExample:\n  prog look\n");

@@ -61,6 +61,7 @@ part == "page" && !is_begun && NF {
 /^[Oo]ptions/ { heading("Options"); where = "options"; next }
 /^[Ee]xample/ { heading("Example"); where = "example"; next }
 where == "example" && NF { open_example(); sub(/^  /, ""); print plain($0); next }
+where == "options" && /^[A-Z][^:]*:$/ { sub(/:$/, ""); print ".PP\n.I " plain($0); next }
 where == "options" && /^  --/ { option($0); next }
 where == "options" && /^   / { sub(/^ +/, ""); print plain($0); next }
 where != "example" && /^  [^ ]/ { open_example(); sub(/^  /, ""); print plain($0); next }
