@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Source strings -> cameras, clock, rig and, where it is known, the scene's place.
+#include <errno.h>
 #include <fcntl.h>
 #include <string.h>
 #include <unistd.h>
@@ -47,7 +48,8 @@ static sv_status read_in_folder(void *self, const char *name, void *buf, size_t 
   if (strchr(name, '/')) return sv_fail(err, SV_E_ARG, "%s: a name with a folder is not allowed here", name);
   sv_fmt(path, sizeof path, "%s/%s", dir, name);
   int fd = open(path, O_RDONLY | O_CLOEXEC);
-  if (fd < 0) return sv_fail(err, SV_E_NOT_FOUND, "%s: the file cannot be opened", path);
+  if (fd < 0)
+    return sv_fail(err, SV_E_NOT_FOUND, "%s: the file cannot be opened: %s", path, sv_linux_reason(errno));
   size_t at = 0;
   ssize_t n = 0;
   while (at < cap && (n = read(fd, (char *)buf + at, cap - at)) > 0) at += (size_t)n;

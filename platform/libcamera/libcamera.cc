@@ -67,7 +67,8 @@ static std::shared_ptr<Camera> find_camera(sv_libcamera *s, const char *name, sv
   long long i;
   if (sv_parse_int(name, strlen(name), &i)) {
     if (i >= 0 && i < static_cast<long long>(all.size())) return all[static_cast<size_t>(i)];
-    sv_fail(err, SV_E_NOT_FOUND, "libcamera: no camera %s; found %d", name, static_cast<int>(all.size()));
+    sv_fail(err, SV_E_NOT_FOUND, "libcamera: no camera %s; it has %d ('subview cameras' lists them)", name,
+            static_cast<int>(all.size()));
     return nullptr;
   }
   auto camera = s->manager->get(name);

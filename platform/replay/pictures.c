@@ -130,7 +130,8 @@ static sv_status add_camera(sv_capture *c, const char *dir, const char *folder, 
     return sv_fail(err, SV_E_FORMAT,
                    "%s: %s has %d pictures and %s has %d; expected one of each camera for every exposure",
                    dir, c->cameras[0].folder, c->cameras[0].n_frames, folder, files.n);
-  sv_fmt(path, sizeof path, "%s/%s/%s", dir, folder, files.names[0]);
+  if (strcmp(folder, ".") != 0) sv_fmt(path, sizeof path, "%s/%s/%s", dir, folder, files.names[0]);
+  else sv_fmt(path, sizeof path, "%s/%s", dir, files.names[0]);
   if ((s = probe(path, &cc->caps, arena, err)) < 0) return s;
   c->n_cameras++;
   c->n_frames += files.n;

@@ -297,9 +297,12 @@ static sv_status identify(sv_v4l2_camera *c, sv_err *err) {
 
 static sv_status open_path(sv_v4l2_camera *c, sv_err *err) {
   int fd = c->sys->open(c->sys->self, c->path);
-  if (fd < 0)
-    return sv_fail(err, fd == -ENOENT || fd == -ENODEV || fd == -ENXIO ? SV_E_NOT_FOUND : SV_E_DEVICE,
-                   "%s: the camera cannot be opened: %s", c->path, sv_linux_reason(-fd));
+  if (fd < 0) {
+    bool is_missing = fd == -ENOENT || fd == -ENODEV || fd == -ENXIO;
+    return sv_fail(err, is_missing ? SV_E_NOT_FOUND : SV_E_DEVICE, "%s: the camera cannot be opened: %s%s",
+                   c->path, sv_linux_reason(-fd),
+                   is_missing ? "; 'subview cameras' lists those that are there" : "");
+  }
   c->fd = fd;
   sv_status s = identify(c, err);
   if (s < 0) { // it may belong to someone else: change nothing

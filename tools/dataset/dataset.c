@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "src/base/str.h"
 #include "tools/dataset/measurement.h"
@@ -95,7 +96,8 @@ static sv_status no_training_file(const lab_source *src, sv_err *err) {
 
 static sv_status training_name(const lab_source *src, char out[SV_TRANSFORMS_CAP_PATH], sv_err *err) {
   if (!sv_path_is_folder(src->folder))
-    return sv_fail(err, SV_E_NOT_FOUND, "%s: no such folder; expected a dataset", src->folder);
+    return sv_fail(err, SV_E_NOT_FOUND, "%s: %s; expected the folder of a dataset", src->folder,
+                   access(src->folder, F_OK) == 0 ? "not a folder" : "no such folder");
   const char *name = src->transforms && *src->transforms ? src->transforms : NULL;
   if (!name || (is_told(src) && !exists_in(src->folder, name)))
     name = exists_in(src->folder, "transforms_train.json") ? "transforms_train.json"

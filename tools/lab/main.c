@@ -13,8 +13,8 @@ static const lab_command commands[] = {
       "--eval\nit also scores held-out views and writes some of them (ground truth beside rendering) to "
       "DIR/eval/.\nMemory is planned from the dataset and the options and allocated once. Ctrl-C stops early "
       "and saves the\nmodel. Distorted images are undistorted while loading.",
-      "  subview-lab train --data nerf_mic_400 --gaussians 5000 --steps 2000 --eval --out mic\n"
-      "  subview-lab eval --data nerf_mic_400 --model mic/model.ply --json",
+      "  subview-lab train --data tests/data/mic_200 --gaussians 5000 --steps 2000 --eval --out out/mic\n"
+      "  subview-lab eval --data tests/data/mic_200 --model out/mic/model.ply --json",
       LAB_TRAIN},
      lab_cmd_train},
     {{"eval", "--data DIR --model FILE [options]", "score a model on held-out views",
@@ -150,7 +150,7 @@ static void help(void) {
   for (int i = 0; i < N_COMMANDS; i++) printf("  %-8s %s\n", commands[i].c.name, commands[i].c.summary);
   printf(
       "\nsubview-lab COMMAND --help explains a command. SV_ISA=ref|sse41|avx2|avx512|neon pins the kernels.\n"
-      "\nExample:\n  subview-lab train --data nerf_mic_400 --steps 2000 --eval --out mic\n");
+      "\nExample:\n  subview-lab train --data tests/data/mic_200 --steps 2000 --eval --out out/mic\n");
 }
 
 static int run_command(int argc, char **argv) {
