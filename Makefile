@@ -58,7 +58,7 @@ fuzz-long: ## MINUTES=10 of libFuzzer on all parsers and protocols, with sanitiz
 fuzz-corpus: ## takes the inputs that fuzz-long found and that reach new edges into tests/fuzz/corpus
 lint: ## includes, headers, sizes, words, symbols, stack, format
 only: ## the groups or tests named: make only GROUPS="unit golden", make only TESTS=scenario/test_run
-cross: ## the fast tests and the digests for arm64, emulated
+cross: ## kernels, digests and what depends on the processor, for arm64, emulated
 board-test: ## capture and train on a virtual ARM board with cameras (QEMU); under 5 minutes, 4 more the first time
 bare-test: ## the README's commands on minimal Debian 12 and 13 systems (needs root); RUNS=trixie: one of them
 kill-test: ## N=1000 kills of running programs at random moments: nothing torn, always resumed, the same digest

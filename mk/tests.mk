@@ -123,10 +123,11 @@ define run_rule
 $(1): $(foreach g,$(2),$$(PROGS_$(g))) $(if $(filter $(USE_PROGRAMS),$(2)),$(PROGRAMS) $(MODULES)) | $(SYSROOT_STAMP)
 	@mkdir -p $(O)/run
 	@printf '%b\n' $$(foreach g,$(2),$$(call items,$$(g))) > $(O)/run/$(1).list
-	@tests/run/run.sh -j $(JOBS) -o $(O)/run/$(1) $(O)/run/$(1).list
+	@tests/run/run.sh -j $(JOBS) -t $(if $(EMULATE),900,300) -o $(O)/run/$(1) $(O)/run/$(1).list
 endef
 ifeq ($(BOARD_ARCH)$(SAN),$(HOST_ARCH))
-ALL_GROUPS := lint unit kernels grad golden fault fuzz scenario cross library package soak budget
+# What takes longest comes first, so that it does not run alone at the end.
+ALL_GROUPS := cross lint unit kernels grad golden fault fuzz scenario library package soak budget
 else
 ALL_GROUPS := unit kernels grad golden fault fuzz scenario
 endif

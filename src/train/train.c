@@ -101,7 +101,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   sv_arena_part_begin(a, "model");
   sv_status s = sv_gaussians_init(&t->g, c->n_gaussians, c->sh_degree, a);
   if (s < 0) return s;
-  sv_arena_part_begin(a, "optimiser");
+  sv_arena_part_begin(a, "optimizer");
   t->m = SV_TAKE(a, uint16_t, cap * (size_t)t->g.n_rows);
   t->v = SV_TAKE(a, uint16_t, cap * (size_t)t->g.n_rows);
   t->err = SV_TAKE(a, float, cap);

@@ -78,8 +78,7 @@ static void run_flat(void) {
 }
 
 static void skip_under_emulation(void) {
-  const char *emulator = getenv("SV_EMULATE");
-  if (!emulator || !*emulator) return;
+  if (!is_emulated()) return;
   print_message("skip thousands of steps: they take minutes under emulation\n");
   skip();
 }

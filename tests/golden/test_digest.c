@@ -5,7 +5,6 @@
 // failing test prints.
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 
 #include "tests/common/test.h"
 #include "tests/common/world.h"
@@ -55,6 +54,10 @@ static outcome run_short(uint32_t mask, int n_threads) {
 }
 
 TEST(test_threads) {
+  if (is_emulated()) {
+    print_message("skip numbers of threads: emulation is slow, and they are the same C here\n");
+    skip();
+  }
   for (int n = 1; n <= 4; n *= 2) {
     char what[32];
     snprintf(what, sizeof what, "short run, %d threads", n);
@@ -87,8 +90,7 @@ TEST(test_without_fma) {
 }
 
 TEST(test_long_run) {
-  const char *emulator = getenv("SV_EMULATE");
-  if (IS_SLOW || (emulator && *emulator)) {
+  if (IS_SLOW || is_emulated()) {
     print_message("skip the long run: it takes minutes under a sanitizer and under emulation\n");
     skip();
   }

@@ -2,7 +2,6 @@
 // Training of a moving scene gives the same bits for any number of threads, for every instruction
 // set with a fused multiply-add, and on every machine, in both forms of motion.
 #include <stdio.h>
-#include <stdlib.h>
 
 #include "platform/linux/linux.h"
 #include "src/train/objective.h"
@@ -55,8 +54,7 @@ static void expect(uint64_t digest, uint64_t expected, const char *what, int n) 
 // An emulator is asked once: it is a hundred times slower, and one thread and the reference are the
 // native run's.
 static void check(sv_deform_kind kind, float clip, bool has_body, uint64_t expected) {
-  const char *emulator = getenv("SV_EMULATE");
-  if (emulator && *emulator) {
+  if (is_emulated()) {
     expect(run(kind, clip, has_body, ~0u, 2), expected, "emulated, threads", 2);
     return;
   }

@@ -57,6 +57,10 @@ static void expect(uint32_t isa_mask, int n_threads, const char *what) {
 }
 
 TEST(test_threads) {
+  if (is_emulated()) {
+    print_message("skip numbers of threads: emulation is slow, and they are the same C here\n");
+    skip();
+  }
   for (int n = 1; n <= 4; n *= 2) {
     char what[24];
     snprintf(what, sizeof what, "%d threads", n);

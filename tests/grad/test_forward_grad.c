@@ -4,7 +4,6 @@
 // then the gradient of a whole training step on a region, through every lens that reaches into it.
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "platform/linux/linux.h"
@@ -410,8 +409,7 @@ static void check_training(bool is_linear, float tv, bool has_backdrop) {
 }
 
 TEST(test_training_step) {
-  const char *emulator = getenv("SV_EMULATE");
-  if (emulator && *emulator) {
+  if (is_emulated()) {
     print_message("skip the quotients of whole steps: they take minutes under emulation\n");
     skip();
   }

@@ -4,7 +4,6 @@
 // threads.
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "platform/linux/linux.h"
@@ -113,8 +112,7 @@ static void check_gradients(float tv, bool has_novel) {
 }
 
 TEST(test_gradients) {
-  const char *emulator = getenv("SV_EMULATE");
-  if (emulator && *emulator) {
+  if (is_emulated()) {
     print_message("skip the quotients of whole steps: they take minutes under emulation\n");
     skip();
   }

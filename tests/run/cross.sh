@@ -1,10 +1,13 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# The fast tests and the golden digests of another board on this machine, under emulation: `cross.sh
-# generic-arm64`. Emulation tells whether results are right (and whether they are the same bits),
-# nothing about speed. Where the tools or the foreign libraries cannot be had, says why and exits
-# 77.
+# What may differ on another board, on this machine under emulation: `cross.sh generic-arm64`.
+# That is the kernels, the golden digests, and units that depend on the processor or its ABI (a
+# char without sign, atomics, layouts of files). All else is the same C that the tests of this
+# machine run. Emulation tells whether results are right (and the same bits), nothing about speed.
+# Where the tools or the foreign libraries cannot be had, says why and exits 77.
 set -u
+units=$(printf 'unit/test_%s ' base cameramodel capture_json codec colmap convert feed json kalibr npz ply \
+  sections sequence transforms)
 board=${1:?board} build=${BUILD:-build} suite=${SUITE:?}
 cd "$(dirname "$(readlink -f "$0")")/../.." || exit 2
 
@@ -25,4 +28,5 @@ if [ "$(uname -m)" != "$arch" ]; then
 fi
 # A make of its own: what the outer one was told (targets, jobs, sanitizers) is not for this one.
 unset MAKEFLAGS MAKELEVEL MFLAGS
-make --no-print-directory -j"$(nproc)" BUILD="$build" SUITE="$suite" BOARD="$board" SAN= GROUPS='unit kernels grad golden' only
+make --no-print-directory -j"$(nproc)" BUILD="$build" SUITE="$suite" BOARD="$board" SAN= GROUPS='kernels golden named' \
+  TESTS="$units" only

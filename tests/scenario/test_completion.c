@@ -29,8 +29,7 @@ static void must_complete(const char *line, const char *wanted) {
 }
 
 TEST(test_completion) {
-  const char *emulate = getenv("SV_EMULATE");
-  if (system("command -v bash >/dev/null 2>&1") != 0 || (emulate && *emulate)) {
+  if (system("command -v bash >/dev/null 2>&1") != 0 || is_emulated()) {
     print_message("skip shell completion: no bash here, or foreign programs\n");
     skip();
   }

@@ -2,7 +2,6 @@
 // Moving scenes: what is learnt of motion, who is found to move, and what is saved of it.
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "src/deform/deform_file.h"
@@ -61,8 +60,7 @@ static void learn(sv_deform_kind kind, float clip, double least_psnr, double lea
 
 // The same bits come out there, which the golden digests see to.
 static void skip_where_emulated(void) {
-  const char *emulator = getenv("SV_EMULATE");
-  if (emulator && *emulator) {
+  if (is_emulated()) {
     print_message("skip hundreds of steps: they take minutes under emulation\n");
     skip();
   }

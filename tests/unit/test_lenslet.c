@@ -191,8 +191,7 @@ static void check_found(const sensor *s) {
 
 // A search over whole sensors takes minutes there; test_decode finds two lattices on every machine.
 static void skip_under_emulation(void) {
-  const char *emulator = getenv("SV_EMULATE");
-  if (!emulator || !*emulator) return;
+  if (!is_emulated()) return;
   print_message("skip the search for many lattices: it takes minutes under emulation\n");
   skip();
 }
