@@ -17,10 +17,10 @@ typedef struct {
 } curve_plot;
 
 static const curve_plot curves[] = {
-    {"angle_psnr", "PSNR over the angular baseline", "angle between the outermost views (degrees)",
-     TABLE_ANGLE, TABLES_PSNR, true},
-    {"angle_abs_rel", "Depth error over the angular baseline", "angle between the outermost views (degrees)",
-     TABLE_ANGLE, TABLES_ABS_REL, true},
+    {"angle_psnr", "PSNR over the angular baseline; 1 exposure: near views, 3: all around",
+     "angle between the outermost views (degrees)", TABLE_ANGLE, TABLES_PSNR, true},
+    {"angle_abs_rel", "Depth error over the angular baseline; 1 exposure: near views, 3: all around",
+     "angle between the outermost views (degrees)", TABLE_ANGLE, TABLES_ABS_REL, true},
     {"exposures_psnr", "PSNR over the number of exposures", "exposures", TABLE_EXPOSURES, TABLES_PSNR, false},
     {"exposures_lpips", "LPIPS over the number of exposures", "exposures", TABLE_EXPOSURES, TABLES_LPIPS,
      false},
@@ -85,7 +85,7 @@ static int put_points(FILE *f, const tables *t, const curve_plot *c, int device,
   return n;
 }
 
-static void add_curve(sv_str *plot, const curve_plot *c, int device, int n_exposures) {
+static void add_curve(sv_str *plot, const tables *t, const curve_plot *c, int device, int n_exposures) {
   char title[80];
   if (c->table == TABLE_ANGLE)
     snprintf(title, sizeof title, "%s, %d exposure%s", tables_device_words[device], n_exposures,
@@ -94,15 +94,27 @@ static void add_curve(sv_str *plot, const curve_plot *c, int device, int n_expos
   sv_str_add(plot, "%s", plot->len ? ", " : "plot ");
   if (c->table == TABLE_ANGLE && device == TABLES_MONO) // one point: the same for every angle
     sv_str_add(plot, "real(word($mono_%d[1], 2)) with lines", n_exposures);
-  else sv_str_add(plot, "$%s_%d with yerrorlines pt 7 ps 0.6", tables_device_names[device], n_exposures);
+  else
+    sv_str_add(plot, "$%s_%d with %s pt 7 ps 0.6", tables_device_names[device], n_exposures,
+               t->n_scenes > 1 ? "yerrorlines" : "linespoints");
   sv_str_add(plot, " lw 2 dt %d lc rgb '#%06x' title '%s'", n_exposures == 1 ? 2 : 1,
              tables_device_colours[device], title);
 }
 
-static double largest_x(const tables *t, const curve_plot *c) {
-  double most = 0;
-  for (int i = 0; i < t->tables[c->table].n; i++) most = fmax(most, t->tables[c->table].rows[i].x);
-  return most;
+// A logarithmic axis from the smallest to the largest x, where the curve asks for one.
+static void put_x_axis(FILE *f, const tables *t, const curve_plot *c) {
+  const tables_table *b = &t->tables[c->table];
+  double least = INFINITY, most = 0;
+  for (int i = 0; i < b->n; i++) {
+    most = fmax(most, b->rows[i].x);
+    if (b->rows[i].x > 0) least = fmin(least, b->rows[i].x); // one camera has no angle
+  }
+  if (!c->is_log_x && most <= 12) fprintf(f, "set xtics 1\n");
+  else
+    fprintf(f,
+            "set logscale x\nset xrange [%g:%g]\n"
+            "set xtics (0.1, 0.2, 0.5, 1, 2, 3, 5, 10, 20, 50, 100)\n",
+            least / 1.1, most * 1.1);
 }
 
 static sv_status write_curve(const tables *t, const curve_plot *c, bool *is_written, sv_err *err) {
@@ -117,12 +129,12 @@ static sv_status write_curve(const tables *t, const curve_plot *c, bool *is_writ
   // the legend has room of its own above the curves
   fprintf(f, "set grid\nset key inside top left maxrows %d opaque\nset offsets 0, 0, graph %s, graph 0.05\n",
           is_angle ? TABLES_RIG : 3, is_angle ? "0.5" : "0.35");
-  fprintf(f, c->is_log_x || largest_x(t, c) > 12 ? "set logscale x\n" : "set xtics 1\n");
+  put_x_axis(f, t, c);
   int n_most = 0;
   for (int e = is_angle ? 1 : 0; e <= (is_angle ? 3 : 0); e += 2)
     for (int d = 0; d < TABLES_N_DEVICES; d++) {
       int n = put_points(f, t, c, d, e);
-      if (n) add_curve(&plot, c, d, e);
+      if (n) add_curve(&plot, t, c, d, e);
       if (n > n_most) n_most = n;
     }
   *is_written = n_most > 0 && !plot.is_cut && !(is_angle && n_most < 2);
