@@ -26,7 +26,8 @@ $(eval $(call archive_rule,libcalibrate,$(call obj,$(filter-out %/main.c,$(CAL_S
 # sysroot.
 has_lib = $(if $(wildcard $(INC_DIR)/$(1)),$(2))
 link = @mkdir -p $(@D); $(if $(V),echo link $@;) $(CC) $(filter %.o,$^) $(filter %.a,$^) $(LDFLAGS_ALL) $(1) \
-  $(LIBS) $(call has_lib,OpenEXR/openexr.h,-lOpenEXRCore) $(call has_lib,zstd.h,-lzstd) $(call has_lib,webp/mux.h,-lwebpmux -lwebpdemux -lwebp) -o $@
+  $(LIBS) $(call has_lib,zstd.h,-lzstd) $(call has_lib,webp/mux.h,-lwebpmux -lwebpdemux -lwebp) \
+  $(call has_lib,OpenEXR/openexr.h,-lOpenEXRCore) -o $@
 $(O)/bin/subview: $(call obj,$(MAIN_SRC)) $(ARCHIVES)
 	$(call link)
 $(O)/bin/subview-preview: $(call obj,$(PREVIEW_SRC)) $(O)/libplatform.a $(CORE)

@@ -337,12 +337,14 @@ static lab_source eval_source(const lab_options *o) {
 }
 
 static sv_status evaluate(run *r, sv_err *err) {
-  char folder[SV_CAP_PATH];
+  char folder[SV_CAP_PATH], refined[SV_CAP_PATH];
   lab_views v;
   lab_source src = eval_source(r->o), train = src;
   double t0 = lab_seconds(&r->session);
   sv_status s = lab_views_open(&v, &src, &r->session.pool, err);
   if (s == SV_OK) s = sv_path_join(folder, sizeof folder, r->o->out, "eval", err);
+  if (s == SV_OK) s = sv_path_join(refined, sizeof refined, r->o->out, LAB_POSES_NAME, err);
+  if (r->is_refining) train.refined = refined; // saved by now
   lab_eval_job job = {.session = &r->session,
                       .g = &r->plan.trainer.g,
                       .render = r->render,
