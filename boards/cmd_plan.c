@@ -191,8 +191,8 @@ static const sv_option rows[] = {
      "with odometry for a rig of N sub-views, for sources without poses", 0, CAP_TRACKED, NULL},
     {"rolling", SV_OPT_FLAG, 1, 0, AT(is_rolling), NULL,
      "with cameras of rolling shutters, whose readout times the rig holds", 0, 0, NULL},
-    {"prior", SV_OPT_TEXT, 1, 0, AT(prior), "METHOD", "with a sparse-view prior: fsgs, sparsegs or smooth", 0,
-     0, NULL},
+    {"prior", SV_OPT_TEXT, 1, 0, AT(prior), "METHOD", "with a sparse-view prior: fsgs or sparsegs", 0, 0,
+     NULL},
     {"threads", SV_OPT_INT, 1, 0, AT(threads), "N",
      "threads; each has its own scratch [" TEXT_OF(BOARD_THREADS) "]", 1, BOARD_CAP_THREADS, NULL},
     {"arena", SV_OPT_INT, 1, 0, AT(arena_mib), "MIB", "size of the memory block [the board's]", 1, 65536,
@@ -228,8 +228,7 @@ int cmd_plan(int argc, char **argv) {
     return usage_error("plan", "--size %s: expected WxH with sides of 1 to 16384", o.size);
   if (sv_prior_method_by_name(o.prior) < 0 || (sv_prior_method_by_name(o.prior) > 0 && o.grid))
     return usage_error(
-        "plan", "--prior %s: expected none, fsgs, sparsegs or smooth, the last three not with --multiplexed",
-        o.prior);
+        "plan", "--prior %s: expected none, fsgs or sparsegs, the last two not with --multiplexed", o.prior);
   if (o.history_s >= 0 && (o.grid || is_deep(&o) || o.odometry > 0 || o.is_mesh ||
                            sv_prior_method_by_name(o.prior) > 0 || o.is_rolling))
     return usage_error(

@@ -80,8 +80,7 @@ static const sv_option rows[] = {
     {"optimizer", SV_OPT_TEXT, 1, 0, AT(optimizer), "NAME",
      "adam or gauss-newton [gauss-newton; adam where lens images overlap]", 0, 0, NULL},
     {"prior", SV_OPT_TEXT, 1, 0, AT(prior), "METHOD",
-     "sparse-view prior for static scenes: none, fsgs, sparsegs or smooth (docs/priors.md) [none]", 0, 0,
-     NULL},
+     "sparse-view prior for static scenes: none, fsgs or sparsegs (docs/priors.md) [none]", 0, 0, NULL},
     {"appearance", SV_OPT_TEXT, 1, 0, AT(appearance), "HOW",
      "learn how colors differ between cameras (cameras) and also between exposures (exposures), not at all "
      "(off), or where the source does not lock them (auto) [auto]",
@@ -243,8 +242,7 @@ static int check(run_options *o) {
   if (o->size && !size_of(o->size, &o->reduction.width_px, &o->reduction.height_px))
     return usage_error("run", "--size %s: expected WxH, such as 640x480", o->size);
   o->i_prior = sv_prior_method_by_name(o->prior);
-  if (o->i_prior < 0)
-    return usage_error("run", "--prior %s: expected none, fsgs, sparsegs or smooth", o->prior);
+  if (o->i_prior < 0) return usage_error("run", "--prior %s: expected none, fsgs or sparsegs", o->prior);
   if (o->i_prior > 0 && (o->is_continuous || o->is_dynamic || o->is_resume))
     return usage_error("run", "--prior: not with --live, --scene dynamic or --resume");
   if (o->preview &&

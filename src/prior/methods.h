@@ -13,7 +13,7 @@
 extern "C" {
 #endif
 
-const char *sv_prior_method_name(sv_prior_method m); // "none", "fsgs", "sparsegs", "smooth"
+const char *sv_prior_method_name(sv_prior_method m); // "none", "fsgs", "sparsegs"
 int sv_prior_method_by_name(const char *name);       // -1 when unknown
 // Depth maps from the training views themselves, where they overlap (sweep.h): relative maps from
 // outside are solved against them (align.h). They have no loss of their own: what they tell is in

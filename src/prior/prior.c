@@ -6,8 +6,7 @@
 #include "src/prior/methods.h"
 #include "src/prior/views.h"
 
-#define METHOD_VIEWS  8    // warped pseudo-views kept
-#define SMOOTH_WEIGHT 0.1f // docs/notes/quality.md
+#define METHOD_VIEWS 8 // warped pseudo-views kept
 
 size_t sv_prior_scratch_bytes(int n_gaussians) {
   const size_t unpool = sv_prior_unpool_bytes(n_gaussians), prune = sv_prior_prune_bytes(n_gaussians);
@@ -22,10 +21,6 @@ void sv_prior_set_method(sv_prior_cfg *c, sv_prior_method method, int n_views) {
   c->late_factor = 1.0f;
   c->warp_until = 2.0f;
   c->cap_depths += n_views;
-  if (method == SV_PRIOR_SMOOTH) {
-    c->smooth_weight = SMOOTH_WEIGHT;
-    return;
-  }
   c->cap_pseudo += METHOD_VIEWS;
   c->cap_depths += METHOD_VIEWS;
   if (method == SV_PRIOR_FSGS) { // Zhu et al. 2024, in shares of 10,000 steps
@@ -126,17 +121,15 @@ static void start(void *self) { forget_steps(self); }
 static sv_status before_render(void *self, sv_train_image *im) {
   const sv_prior *p = self;
   // Depth has one value a pixel: with several samples, late in the run, it is no longer needed.
-  const bool has_loss =
-      p->cfg.smooth_weight > 0.0f || sv_prior_depth_of(p, im->i_view, &p->t->views[im->i_view].view);
-  im->options.has_depth = !im->is_supersampled && has_loss;
+  im->options.has_depth =
+      !im->is_supersampled && sv_prior_depth_of(p, im->i_view, &p->t->views[im->i_view].view);
   return SV_OK;
 }
 
 static double add_loss(void *self, sv_train_image *im) {
   sv_prior *p = self;
   const sv_prior_depth *d = sv_prior_depth_of(p, im->i_view, &p->t->views[im->i_view].view);
-  const double loss = d ? sv_prior_depth_loss(p, d, im->scale, sv_prior_depth_share(p, im->progress))
-                        : sv_prior_smooth_loss(p);
+  const double loss = sv_prior_depth_loss(p, d, im->scale, sv_prior_depth_share(p, im->progress));
   im->g_depth = p->g_depth;
   im->g_trans = p->g_trans;
   return loss;

@@ -27,7 +27,7 @@ typedef enum {
                      // loss: mean absolute difference times the distance of the scene, by trust
 } sv_prior_depth_kind;
 
-typedef enum { SV_PRIOR_NONE, SV_PRIOR_FSGS, SV_PRIOR_SPARSEGS, SV_PRIOR_SMOOTH } sv_prior_method;
+typedef enum { SV_PRIOR_NONE, SV_PRIOR_FSGS, SV_PRIOR_SPARSEGS } sv_prior_method;
 
 typedef struct {
   int cap_pseudo; // Size of the ring of pseudo-views; 0: none are submitted.
@@ -40,7 +40,6 @@ typedef struct {
                                  // 0: none
   float patch_side, patch_share; // of the picture's longer side; of its area, that patches are
                                  // drawn for
-  float smooth_weight;           // of the smoothness of rendered depth (src/loss/smooth.h); 0: none
   int warp_every;                // steps from one warped pseudo-view to the next
   float warp_from, warp_until, warp_ramp;
   float warp_colour, warp_depth;   // weights of a warped pseudo-view's colours and of its depth,

@@ -5,7 +5,6 @@
 
 #include "src/base/mathx.h"
 #include "src/loss/depth.h"
-#include "src/loss/smooth.h"
 #include "src/train/novel.h"
 #include "src/train/optimize.h"
 #include "src/train/step.h"
@@ -140,40 +139,6 @@ double sv_prior_depth_loss(sv_prior *prior, const sv_prior_depth *d, int scale, 
   sv_depth_expected_bwd(&in, prior->expected, prior->mask, prior->g_expected,
                         &(sv_depth_grad){prior->g_depth, prior->g_trans, size->rows_padded});
   prior->last_depth_loss = loss;
-  return loss;
-}
-
-// Mean over the pixels that count.
-static float mean_of(const float *v, const uint8_t *mask, const sv_planes *size) {
-  double sum = 0;
-  long n = 0;
-  for (int y = 0; y < size->height_px; y++)
-    for (int x = 0; x < size->width_px; x++) {
-      const size_t i = (size_t)y * (size_t)size->stride + (size_t)x;
-      if (!mask[i]) continue;
-      sum += (double)v[i];
-      n++;
-    }
-  return n > 0 ? (float)(sum / (double)n) : 0.0f;
-}
-
-double sv_prior_smooth_loss(sv_prior *prior) {
-  const sv_planes *size = &prior->t->render.rgb, *picture = &prior->t->target;
-  sv_depth_input in = depth_input(prior, true);
-  memset(prior->mask, 1, (size_t)in.height_px * (size_t)in.stride);
-  sv_depth_expected(&in, prior->expected, prior->mask);
-  memset(prior->g_expected, 0, (size_t)size->rows_padded * (size_t)size->stride * sizeof *prior->g_expected);
-  const sv_smooth_input smooth = {.depth = prior->expected,
-                                  .mask = prior->mask,
-                                  .colour = {picture->c[0], picture->c[1], picture->c[2]},
-                                  .width_px = size->width_px,
-                                  .height_px = size->height_px,
-                                  .stride = size->stride,
-                                  .unit = mean_of(prior->expected, prior->mask, size),
-                                  .weight = prior->cfg.smooth_weight};
-  const double loss = sv_smooth_loss(&smooth, prior->g_expected);
-  sv_depth_expected_bwd(&in, prior->expected, prior->mask, prior->g_expected,
-                        &(sv_depth_grad){prior->g_depth, prior->g_trans, size->rows_padded});
   return loss;
 }
 

@@ -33,9 +33,6 @@ const sv_prior_depth *sv_prior_depth_of(const sv_prior *prior, int id, const sv_
 // Loss of the last rendering's depth (with has_depth) against a map at 1/scale. Its
 // gradient, times `weight`, is left in prior->g_depth and g_trans, for sv_render_bwd.
 double sv_prior_depth_loss(sv_prior *prior, const sv_prior_depth *d, int scale, float weight);
-// Smoothness of the last rendering's depth by the edges of the step's target, where a view has no
-// map; gradients as above.
-double sv_prior_smooth_loss(sv_prior *prior);
 // Share of its weight that the depth loss has at a progress, 0 to 1.
 float sv_prior_depth_share(const sv_prior *prior, float progress);
 // Renders one of the pseudo-views and adds its gradients to the step's sum.

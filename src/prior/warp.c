@@ -17,12 +17,12 @@
 #define EDGE 0.05f
 #define SAME 0.02f // relative: the first of two that fall on a pixel stays
 
-static const char *const names[] = {"none", "fsgs", "sparsegs", "smooth"};
+static const char *const names[] = {"none", "fsgs", "sparsegs"};
 
 const char *sv_prior_method_name(sv_prior_method m) { return names[m]; }
 
 int sv_prior_method_by_name(const char *name) {
-  for (int i = 0; i < 4; i++)
+  for (int i = 0; i < 3; i++)
     if (sv_str_eq(name, names[i])) return i;
   return -1;
 }

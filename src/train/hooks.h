@@ -35,6 +35,7 @@ typedef struct {
   sv_view view; // as it is rendered, reduced
   sv_render_options options;
   float weight;                   // of the image, at most 1
+  bool is_smooth;                 // its depth is trained to be smooth
   bool has_target;                // t->target is filled already: not the view's own image
   const float *g_depth, *g_trans; // further gradients of the rendering, set by add_loss; NULL: none
 } sv_train_image;
@@ -52,7 +53,7 @@ typedef struct {
   void (*choose_view)(void *self, sv_train_choice *c);
   // May change view, options, weight and target of the image.
   sv_status (*before_render)(void *self, sv_train_image *im);
-  // A further loss of the rendering; called when the options ask for depth.
+  // A further loss of the rendering; called when before_render asked for depth.
   double (*add_loss)(void *self, sv_train_image *im);
   // Further images of this step, whose gradients are added up (sv_train_collect).
   bool (*has_images)(void *self, float progress);

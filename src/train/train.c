@@ -124,6 +124,8 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
       .cap_width_px = c->cap_width_px, .cap_height_px = c->cap_height_px, .n_threads = c->n_threads};
   bool has_tv = c->weight_tv > 0.0f || (c->n_novel > 0 && c->weight_tv_novel > 0.0f);
   if (has_tv && (s = sv_tv_init(&t->tv, &tc, t->compute, a)) < 0) return s;
+  const sv_smooth_cfg sc = {px, c->cap_height_px};
+  if (c->weight_smooth > 0.0f && (s = sv_smooth_init(&t->smooth, &sc, t->compute, a)) < 0) return s;
   for (int k = 0; k < 3; k++) t->target.c[k] = SV_TAKE(a, float, px);
   for (int k = 0; k < 3; k++) t->grad.c[k] = SV_TAKE(a, float, px);
   t->err_plane = SV_TAKE(a, float, px);

@@ -12,6 +12,7 @@
 
 #include "src/image/deep.h"
 #include "src/loss/photometric.h"
+#include "src/loss/smooth.h"
 #include "src/loss/tv.h"
 #include "src/rig/forward.h"
 #include "src/splat/render.h"
@@ -79,6 +80,7 @@ struct sv_trainer {
   sv_renderer render;
   sv_photometric photometric;
   sv_tv tv;
+  sv_smooth smooth;   // with cfg.weight_smooth
   sv_forward forward; // of regions
   sv_supersample supersample;
   sv_train_poses poses;

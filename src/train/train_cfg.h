@@ -93,6 +93,8 @@ typedef struct sv_train_cfg {
   // Weight of the squared total variation of rendered views. Default 0.
   float weight_tv;
   float weight_tv_novel; // The same, of novel views. Default 0.
+  // Weight of the edge-aware smoothness of rendered depth (src/loss/smooth.h). Default 0.
+  float weight_smooth;
   // Views have deep pictures (sv_train_set_deep). Default false.
   bool is_deep;
   // Noise added to predicted measurements (sv_forward_noise). Defaults 0: none.

@@ -122,7 +122,6 @@ TEST(test_sim_2) { run_without_heap(STEREO, 2); }
 TEST(test_deep) { run_without_heap(STEREO ",depth=16,bracket=0.2", 2); }
 TEST(test_fsgs) { run_with(STEREO, 2, SV_PRIOR_FSGS); }
 TEST(test_sparsegs) { run_with(STEREO, 2, SV_PRIOR_SPARSEGS); }
-TEST(test_smooth) { run_with(STEREO, 2, SV_PRIOR_SMOOTH); }
 TEST(test_multiplexed_1) { run_without_heap(MULTIPLEXED, 1); }
 TEST(test_multiplexed_2) { run_without_heap(MULTIPLEXED, 2); }
 TEST(test_replay_1) { run_without_heap(REPLAY, 1); }
@@ -132,7 +131,6 @@ TEST(test_replay_2) { run_without_heap(REPLAY, 2); }
 int main(void) {
   const struct CMUnitTest tests[] = {CASE(test_sim_1),         CASE(test_sim_2),    CASE(test_multiplexed_1),
                                      CASE(test_multiplexed_2), CASE(test_replay_1), CASE(test_replay_2),
-                                     CASE(test_fsgs),          CASE(test_sparsegs), CASE(test_smooth),
-                                     CASE(test_deep)};
+                                     CASE(test_fsgs),          CASE(test_sparsegs), CASE(test_deep)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

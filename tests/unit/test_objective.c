@@ -78,6 +78,16 @@ TEST(test_random_backgrounds) {
     }
 }
 
+// Few exposures of several cameras have smooth depth, but for lens grids.
+TEST(test_smooth_depth) {
+  for (int n = 1; n <= 30; n++) {
+    assert_true(of(n, 1, false, false).weight_smooth == 0);
+    assert_true((of(n, 2, false, false).weight_smooth > 0) == (n <= 3));
+    assert_true(of(n, 16, false, false).weight_smooth == 0 && of(n, 16, true, false).weight_smooth == 0);
+    assert_true(of(n, 2, false, true).weight_smooth == 0);
+  }
+}
+
 // Where exposures are few, of more than 20,000 Gaussians each has the weight that it would have
 // among so many; fewer share the whole weight.
 TEST(test_weight_of_many) {
@@ -106,13 +116,17 @@ TEST(test_far) {
     assert_int_equal(far.optimizer, n_sub_views > 1 ? SV_OPTIMIZER_ADAM : SV_OPTIMIZER_GAUSS_NEWTON);
     assert_true((far.reg_opacity > near.reg_opacity) == (n_sub_views > 1 && !is_grid));
     assert_true(far.dropout == (is_grid ? 0.0f : near.dropout));
+    assert_true(far.weight_smooth == 0);
   }
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_dropout),        cmocka_unit_test(test_relocated_share),
-      cmocka_unit_test(test_settling),       cmocka_unit_test(test_random_backgrounds),
-      cmocka_unit_test(test_weight_of_many), cmocka_unit_test(test_far)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dropout),
+                                     cmocka_unit_test(test_relocated_share),
+                                     cmocka_unit_test(test_settling),
+                                     cmocka_unit_test(test_random_backgrounds),
+                                     cmocka_unit_test(test_weight_of_many),
+                                     cmocka_unit_test(test_smooth_depth),
+                                     cmocka_unit_test(test_far)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -359,25 +359,6 @@ TEST(test_methods) {
   }
 }
 
-// Depth that is trained to be smooth is smoother, by the same bits for any order of tasks.
-TEST(test_smooth) {
-  double rough[2];
-  uint64_t digest[2];
-  for (int k = 0; k < 3; k++) {
-    make_with(&trainer, SV_PRIOR_SMOOTH, k == 2 ? &backwards : &in_order, block, sizeof block);
-    if (k == 0) prior.cfg.smooth_weight = 0;
-    for (int i = 0; i < 60; i++) assert_int_equal(sv_train_step(&trainer, (float)i / 60, NULL), SV_OK);
-    if (k > 0) digest[k - 1] = sv_train_digest(&trainer);
-    if (k == 2) break;
-    const sv_view v = trainer.views[0].view;
-    assert_int_equal(sv_prior_render(&prior, &v, 1), SV_OK);
-    prior.cfg.smooth_weight = 1;
-    rough[k] = sv_prior_smooth_loss(&prior);
-  }
-  if (!(rough[1] < 0.9 * rough[0])) fail_msg("roughness %.5f, without the loss %.5f", rough[1], rough[0]);
-  assert_true(digest[0] == digest[1]);
-}
-
 // Where the first Gaussians cover the surface, there is nothing to unpool into.
 TEST(test_covered) {
   for (int is_covered = 0; is_covered < 2; is_covered++) {
@@ -582,7 +563,6 @@ int main(void) {
                                      cmocka_unit_test(test_warp),
                                      cmocka_unit_test(test_methods),
                                      cmocka_unit_test(test_covered),
-                                     cmocka_unit_test(test_smooth),
                                      cmocka_unit_test(test_masked_depth),
                                      cmocka_unit_test(test_ball_tells_scale),
                                      cmocka_unit_test(test_stereo_tells_scale)};

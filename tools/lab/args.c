@@ -237,8 +237,8 @@ static const sv_option table[] = {
      "against the model before they are scored. The poses are saved beside the model "
      "(transforms_refined.json)",
      0, 0, 0},
-    {"prior", SV_OPT_TEXT, LAB_TRAIN, 0, AT(prior), "none|fsgs|sparsegs|smooth|[METHOD,]external:CMD",
-     "for few views: the depth losses, unpooling or pruning of these methods; depth smooth but at edges; or "
+    {"prior", SV_OPT_TEXT, LAB_TRAIN, 0, AT(prior), "none|fsgs|sparsegs|[METHOD,]external:CMD",
+     "for few views: the depth losses, unpooling or pruning of these methods; or "
      "a program that repairs renderings or estimates depth, called with a folder [none]",
      0, 0, 0},
     {"prior-views", SV_OPT_INT, LAB_TRAIN, 0, AT(prior_views), "N", "--prior external: views per call [8]", 1,

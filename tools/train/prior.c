@@ -36,7 +36,7 @@ static const char *command_of(const char *prior) {
 static int method_of(const char *prior) {
   const size_t n = prior ? strcspn(prior, ",") : 0;
   if (!prior || strncmp(prior, "external:", 9) == 0) return SV_PRIOR_NONE;
-  for (int m = SV_PRIOR_NONE; m <= SV_PRIOR_SMOOTH; m++) {
+  for (int m = SV_PRIOR_NONE; m <= SV_PRIOR_SPARSEGS; m++) {
     const char *name = sv_prior_method_name((sv_prior_method)m);
     if (strlen(name) == n && strncmp(prior, name, n) == 0 && (!prior[n] || command_of(prior))) return m;
   }
@@ -48,10 +48,9 @@ int lab_prior_check(const lab_options *o) {
   const bool has_more =
       o->prior_views >= 0 || o->prior_calls >= 0 || o->prior_limit_s >= 0 || o->prior_weight >= 0;
   if (method_of(o->prior) < 0 || (command && !*command))
-    return lab_usage(
-        "train",
-        "--prior must be none, fsgs, sparsegs, smooth, external:CMD or fsgs,external:CMD, not '%.80s'",
-        o->prior);
+    return lab_usage("train",
+                     "--prior must be none, fsgs, sparsegs, external:CMD or fsgs,external:CMD, not '%.80s'",
+                     o->prior);
   if (has_more && !command)
     return lab_usage("train", "--prior-views, --prior-calls, --prior-weight and --prior-limit need --prior "
                               "external:CMD");
@@ -230,7 +229,7 @@ static sv_status measure(lab_prior *p, const sv_bounds *bounds, sv_arena *scratc
   sv_status s = sv_prior_measure(p->prior, bounds, scratch, &p->n_maps);
   if (s < 0) return sv_fail(err, s, "no depth maps for --prior: %s", sv_status_text(s));
   if (p->n_maps > 0) lab_say(p->session, "depth maps of %d views from their overlap", p->n_maps);
-  if (p->method != SV_PRIOR_SMOOTH && p->method && p->n_maps + p->n_files + p->n_depths == 0)
+  if (p->method && p->n_maps + p->n_files + p->n_depths == 0)
     lab_say(p->session,
             "--prior %s: no depth maps (the views do not overlap, the dataset has no depth_prior); "
             "continuing without a depth loss",
@@ -283,8 +282,7 @@ sv_status lab_prior_begin(lab_prior *p, const lab_prior_input *run, const sv_bou
   sv_status s = lab_prior_load(p, err);
   if (s == SV_OK && p->command) s = begin_calls(p, err);
   const bool has_depths = p->n_files + p->n_depths > 0;
-  if (s == SV_OK && ((p->method && p->method != SV_PRIOR_SMOOTH) || has_depths))
-    s = measure(p, bounds, scratch, err);
+  if (s == SV_OK && (p->method || has_depths)) s = measure(p, bounds, scratch, err);
   if (s == SV_OK && has_depths) align(p, bounds);
   return s;
 }
