@@ -483,20 +483,19 @@ static const sv_option rows[] = {
      0, 0, NULL},
     {"exposures", SV_OPT_INT, 1, 0, AT(exposures), "N", "end after N exposures", 1, 1000000, NULL},
     {"duration", SV_OPT_REAL, 1, 0, AT(duration), "SEC", "end after SEC seconds", 0.001, 1e6, NULL},
-    {"every", SV_OPT_REAL, 1, 0, AT(every_s), "SEC", "time between exposures; 0: each that comes [0]", 0,
-     3600, NULL},
+    {"every", SV_OPT_REAL, 1, 0, AT(every_s), "SEC", "time between exposures; 0: take each one [0]", 0, 3600,
+     NULL},
     {"arc", SV_OPT_REAL, 1, 0, AT(arc_deg), "DEG",
-     "azimuth around the scene that the hints ask for, in degrees; its middle is the first exposure [360]", 1,
+     "azimuth around the scene that hints ask for, in degrees; the first exposure is in its middle [360]", 1,
      360, NULL},
     {"skew-limit", SV_OPT_INT, 1, 0, AT(skew_ms), "MS",
      "largest time skew between the cameras of an exposure, ms [20]", 1, 10000, NULL},
-    {"sync", SV_OPT_TEXT, 1, 0, AT(sync), "HOW",
-     "synchronization method: free (none; all sources), frame-length (software; sim, libcamera with fps=, "
-     "v4l2 "
-     "drivers that can), trigger (pulses on a line; sim, v4l2 and libcamera with trigger=) [free]",
+    {"sync", SV_OPT_WORD, 1, 0, AT(sync), "free|frame-length|trigger",
+     "synchronization method: none (all sources), frame lengths set by software (sim, libcamera with fps=, "
+     "V4L2 drivers that can), or pulses on a line (sim, V4L2 and libcamera with trigger=) [free]",
      0, 0, NULL},
     {"depth", SV_OPT_WORD, 1, 0, AT(depth), "8|16",
-     "bits a value that are kept of raw frames; 16: of more than 8 bits of linear light, as PNG [8]", 0, 0,
+     "bits of each value that are kept; 16: raw frames of more than 8 bits, as PNG in linear light [8]", 0, 0,
      NULL},
     {"out", SV_OPT_TEXT, 1, 1, AT(out), "DIR", "the capture folder", 0, 0, NULL},
     {"json", SV_OPT_FLAG, 1, 0, AT(is_json), NULL, "print the results as one JSON object on stdout", 0, 0,
@@ -517,8 +516,6 @@ int cmd_capture(int argc, char **argv) {
   int r = options_parse(&command, rows, sizeof rows / sizeof *rows, argc, argv, &o);
   if (r) return r < 0 ? 0 : r;
   o.i_sync = sync_mode_of(o.sync);
-  if (o.i_sync < 0)
-    return usage_error("capture", "--sync %s: expected free, frame-length or trigger", o.sync);
   if (!o.exposures && !(o.duration > 0))
     return usage_error("capture", "--exposures or --duration is missing");
   int code = capture_all(&o);

@@ -29,9 +29,9 @@ static const sv_option rows[] = {
      0, 0, NULL},
     {"skew-limit", SV_OPT_INT, 1, 0, AT(skew_ms), "MS",
      "largest time skew between the cameras of an exposure, ms [20]", 1, 10000, NULL},
-    {"sync", SV_OPT_TEXT, 1, 0, AT(sync), "HOW",
-     "synchronization method: free (none; all sources), frame-length (by software; sim, libcamera with fps=, "
-     "V4L2 drivers that can) or trigger (pulses on a line; sim, V4L2 and libcamera with trigger=) [free]",
+    {"sync", SV_OPT_WORD, 1, 0, AT(sync), "free|frame-length|trigger",
+     "synchronization method: none (all sources), frame lengths set by software (sim, libcamera with fps=, "
+     "V4L2 drivers that can), or pulses on a line (sim, V4L2 and libcamera with trigger=) [free]",
      0, 0, NULL},
     {"imu", SV_OPT_TEXT, 1, 0, AT(imu), "FILE",
      "accelerations in the axes of the rig, which tell the way up to sources without poses; lines of "
@@ -52,16 +52,16 @@ static const sv_option rows[] = {
      "bits of each value that are kept; 16: raw frames and 16-bit pictures are trained in linear light, "
      "weighted by the noise of the rig and the shutter times [8]",
      0, 0, NULL},
-    {"shutter", SV_OPT_TEXT, 1, 0, AT(shutter), "KIND",
+    {"shutter", SV_OPT_WORD, 1, 0, AT(shutter), "auto|rolling|global",
      "auto: model a rolling shutter where the rig has readout times; rolling: take missing times from the "
      "cameras (V4L2); global: ignore them [auto]",
      0, 0, NULL},
     {"keep-blurred", SV_OPT_FLAG, 1, 0, AT(is_blur_kept), NULL,
      "without poses: keep exposures less than half as sharp as those before them", 0, 0, NULL},
     HEADING("Training"),
-    {"quality", SV_OPT_TEXT, 1, 0, AT(quality), "NAME",
-     "draft, normal or fine: end training when a second of it wins less than 1, 0.2 or 0.05 dB on held-out "
-     "pixels (--hold-out 0.05 unless given), at the latest after 500, 2000 or 7000 steps (--steps) [off]",
+    {"quality", SV_OPT_WORD, 1, 0, AT(quality), "draft|normal|fine",
+     "end training when a second of it wins less than 1, 0.2 or 0.05 dB on held-out pixels (--hold-out 0.05 "
+     "unless given), at the latest after 500, 2000 or 7000 steps (--steps) [off]",
      0, 0, NULL},
     {"steps", SV_OPT_INT, 1, 0, AT(steps), "N", "training steps [2000, or until --time-limit]", 1, 10000000,
      NULL},
@@ -77,11 +77,11 @@ static const sv_option rows[] = {
          BOARD_SH_DEGREE) "; 0 with --scene dynamic and "
                           "--live, whose history has degree 0]",
      0, 3, NULL},
-    {"optimizer", SV_OPT_TEXT, 1, 0, AT(optimizer), "NAME",
-     "adam or gauss-newton [gauss-newton; adam where lens images overlap]", 0, 0, NULL},
-    {"prior", SV_OPT_TEXT, 1, 0, AT(prior), "METHOD",
-     "sparse-view prior for static scenes: none, fsgs or sparsegs (docs/priors.md) [none]", 0, 0, NULL},
-    {"appearance", SV_OPT_TEXT, 1, 0, AT(appearance), "HOW",
+    {"optimizer", SV_OPT_WORD, 1, 0, AT(optimizer), "adam|gauss-newton",
+     "[gauss-newton; adam where lens images overlap]", 0, 0, NULL},
+    {"prior", SV_OPT_WORD, 1, 0, AT(prior), "none|fsgs|sparsegs",
+     "sparse-view prior for static scenes (docs/priors.md) [none]", 0, 0, NULL},
+    {"appearance", SV_OPT_WORD, 1, 0, AT(appearance), "auto|off|cameras|exposures",
      "learn how colors differ between cameras (cameras) and also between exposures (exposures), not at all "
      "(off), or where the source does not lock them (auto) [auto]",
      0, 0, NULL},
@@ -94,7 +94,7 @@ static const sv_option rows[] = {
      1, BOARD_CAP_THREADS, NULL},
     {"seed", SV_OPT_INT, 1, 0, AT(seed), "N", "seed of the random numbers [1]", 0, 1e15, NULL},
     HEADING("Scenes that move, and runs without an end"),
-    {"scene", SV_OPT_TEXT, 1, 0, AT(scene), "KIND", "static, or dynamic: the scene moves [static]", 0, 0,
+    {"scene", SV_OPT_WORD, 1, 0, AT(scene), "static|dynamic", "dynamic: the scene moves [static]", 0, 0,
      NULL},
     {"live", SV_OPT_FLAG, 1, 0, AT(is_continuous), NULL,
      "keep capturing while training; new exposures replace the oldest", 0, 0, NULL},
@@ -190,70 +190,81 @@ static int check_quality(run_options *o) {
   } presets[] = {{"draft", 1, 500}, {"normal", 0.2, 2000}, {"fine", 0.05, 7000}};
   if (!o->quality) return 0;
   if (o->is_continuous) return usage_error("run", "--quality: not with --live, which has no end of its own");
-  for (size_t i = 0; i < sizeof presets / sizeof *presets; i++) {
-    if (strcmp(o->quality, presets[i].name) != 0) continue;
-    o->least_db_per_s = presets[i].least_db_per_s;
-    if (!o->steps) o->steps = presets[i].steps;
-    o->is_held_released = !(o->hold_out > 0);
-    if (o->is_held_released) o->hold_out = 0.05;
-    return 0;
-  }
-  return usage_error("run", "--quality %s: expected draft, normal or fine", o->quality);
+  int i = 0;
+  while (strcmp(o->quality, presets[i].name) != 0) i++;
+  o->least_db_per_s = presets[i].least_db_per_s;
+  if (!o->steps) o->steps = presets[i].steps;
+  o->is_held_released = !(o->hold_out > 0);
+  if (o->is_held_released) o->hold_out = 0.05;
+  return 0;
 }
 
-static int check(run_options *o) {
-  sv_err err;
-  if (!o->out && (!o->is_check || o->keep > 0)) return usage_error("run", "--out is missing");
-  o->is_dynamic = !strcmp(o->scene, "dynamic");
-  if (!o->is_dynamic && strcmp(o->scene, "static"))
-    return usage_error("run", "--scene %s: expected static or dynamic", o->scene);
-  if (o->is_dynamic && o->is_continuous && o->is_resume)
-    return usage_error(
-        "run", "--resume: not with --live and --scene dynamic, whose checkpoint holds no older exposures");
-  if (o->is_refining && (o->is_continuous || o->is_dynamic || o->is_resume))
-    return usage_error("run", "--refine-poses: not with --live, --scene dynamic or --resume");
-  if (o->is_mesh && o->is_dynamic) return usage_error("run", "--mesh: not with --scene dynamic");
-  if (o->every && !(o->is_by_motion = !strcmp(o->every, "motion")) &&
+static int check_exposures(run_options *o) {
+  o->is_by_motion = o->every && !strcmp(o->every, "motion");
+  if (o->every && !o->is_by_motion &&
       !(sv_parse_double(o->every, strlen(o->every), &o->every_s) && o->every_s >= 0 && o->every_s <= 3600))
     return usage_error("run", "--every %s: expected a number of seconds from 0 to 3600, or motion", o->every);
   if (o->is_by_motion && o->is_continuous)
     return usage_error("run", "--every motion: not with --live; give a number of seconds");
-  if (o->history_s > 0 && !(o->is_dynamic && o->is_continuous))
-    return usage_error("run", "--history: only with --scene dynamic and --live");
-  if (o->history_s < 0) o->history_s = HISTORY_S;
-  if (o->sh < 0) o->sh = o->is_dynamic && o->is_continuous ? 0 : BOARD_SH_DEGREE;
-  o->i_sync = sync_mode_of(o->sync);
-  if (o->i_sync < 0) return usage_error("run", "--sync %s: expected free, frame-length or trigger", o->sync);
-  o->i_optimizer = o->optimizer ? sv_optimizer_by_name(o->optimizer) : -1;
-  if (o->optimizer && o->i_optimizer < 0)
-    return usage_error("run", "--optimizer %s: expected adam or gauss-newton", o->optimizer);
-  const int appearance = sv_appearance_mode_by_name(o->appearance);
-  if (appearance < 0)
-    return usage_error("run", "--appearance %s: expected auto, off, cameras or exposures", o->appearance);
-  if (appearance == SV_APPEARANCE_EXPOSURES && o->is_continuous)
-    return usage_error("run", "--appearance exposures: not with --live, which replaces exposures");
   if (o->depth && !strcmp(o->depth, "16") && o->is_dynamic)
     return usage_error("run", "--depth 16: not with --scene dynamic");
-  if (strcmp(o->shutter, "auto") && strcmp(o->shutter, "rolling") && strcmp(o->shutter, "global"))
-    return usage_error("run", "--shutter %s: expected auto, rolling or global", o->shutter);
-  o->appearance_mode = (sv_appearance_mode)appearance;
   if (o->size && o->scale > 1) return usage_error("run", "--size and --scale: expected one of them");
   o->reduction = (sv_reduction){.k = o->size ? 0 : (int)o->scale};
   if (o->size && !size_of(o->size, &o->reduction.width_px, &o->reduction.height_px))
     return usage_error("run", "--size %s: expected WxH, such as 640x480", o->size);
+  o->i_sync = sync_mode_of(o->sync);
+  return 0;
+}
+
+static int check_training(run_options *o) {
+  o->i_optimizer = o->optimizer ? sv_optimizer_by_name(o->optimizer) : -1;
   o->i_prior = sv_prior_method_by_name(o->prior);
-  if (o->i_prior < 0) return usage_error("run", "--prior %s: expected none, fsgs or sparsegs", o->prior);
-  if (o->i_prior > 0 && (o->is_continuous || o->is_dynamic || o->is_resume))
+  o->appearance_mode = (sv_appearance_mode)sv_appearance_mode_by_name(o->appearance);
+  if (o->appearance_mode == SV_APPEARANCE_EXPOSURES && o->is_continuous)
+    return usage_error("run", "--appearance exposures: not with --live, which replaces exposures");
+  const bool is_whole_still_run = !o->is_continuous && !o->is_dynamic && !o->is_resume;
+  if (o->is_refining && !is_whole_still_run)
+    return usage_error("run", "--refine-poses: not with --live, --scene dynamic or --resume");
+  if (o->i_prior > 0 && !is_whole_still_run)
     return usage_error("run", "--prior: not with --live, --scene dynamic or --resume");
+  if (o->is_mesh && o->is_dynamic) return usage_error("run", "--mesh: not with --scene dynamic");
+  const int r = check_quality(o);
+  if (!o->steps && !(o->time_limit > 0)) o->steps = 2000;
+  return r;
+}
+
+// Of moving scenes that are captured while training.
+static int check_history(run_options *o) {
+  const bool is_live = o->is_dynamic && o->is_continuous;
+  if (is_live && o->is_resume)
+    return usage_error(
+        "run", "--resume: not with --live and --scene dynamic, whose checkpoint holds no older exposures");
+  if (o->history_s > 0 && !is_live)
+    return usage_error("run", "--history: only with --scene dynamic and --live");
+  if (o->history_s < 0) o->history_s = HISTORY_S;
+  if (o->sh < 0) o->sh = is_live ? 0 : BOARD_SH_DEGREE;
+  return 0;
+}
+
+static int check_page(run_options *o) {
+  sv_err err;
   if (o->preview &&
       sv_linux_preview_parse(o->preview, o->preview_addr, sizeof o->preview_addr, &o->preview_port, &err) < 0)
     return usage_error("run", "--preview %s", err.text);
   if (o->is_session && !o->preview && !o->has_feed)
     return usage_error("run", "--session takes --preview [ADDR:]PORT");
-  const int r = check_quality(o);
-  if (r) return r;
-  if (!o->steps && !(o->time_limit > 0)) o->steps = 2000;
-  return choose_cpu(o);
+  return 0;
+}
+
+// The first check that fails has said why.
+static int check(run_options *o) {
+  static int (*const checks[])(run_options *) = {check_history, check_exposures, check_training, check_page,
+                                                 choose_cpu};
+  if (!o->out && (!o->is_check || o->keep > 0)) return usage_error("run", "--out is missing");
+  o->is_dynamic = !strcmp(o->scene, "dynamic");
+  int r = 0;
+  for (size_t i = 0; i < sizeof checks / sizeof *checks && !r; i++) r = checks[i](o);
+  return r;
 }
 
 static const sv_tool_command command = {

@@ -39,7 +39,9 @@ TEST(test_completion) {
   must_complete("subview-lab", "compare");
   must_complete("subview run --source", "replay:");
   must_complete("subview run --source", "sim:textured");
+  must_complete("subview run --quality", "fine");
   must_complete("subview-lab export --format", "glb");
+  must_complete("subview-lab export --up", "-z");
 }
 
 int main(void) {

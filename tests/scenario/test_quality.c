@@ -51,7 +51,7 @@ TEST(limits_hold) {
 
 TEST(refusals) {
   assert_true(run(ONE "--quality best") > 0);
-  assert_contains(out, "--quality best: expected draft, normal or fine");
+  assert_contains(out, "--quality best: expected draft|normal|fine");
   assert_true(run(ONE "--quality fine --live --time-limit 1") > 0);
   assert_contains(out, "--quality: not with --live");
 }

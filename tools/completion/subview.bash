@@ -23,8 +23,13 @@ _subview() {
     COMPREPLY=($(compgen -W "$("$program" cameras 2>/dev/null | awk '{ print $1 }') replay:" -- "$word"))
     return
     ;;
-  --format) COMPREPLY=($(compgen -W 'ply compressed-ply splat spz sog glb html delta' -- "$word")) && return ;;
-  --up) COMPREPLY=($(compgen -W 'x y z -x -y -z' -- "$word")) && return ;;
+  --*) # "a|b|c" behind an option: its words
+    local words=$("$program" $command --help 2>/dev/null | sed -nE "s/^  $before ([^ |]+\|[^ ]*).*/\1/p")
+    if [[ $words ]]; then
+      COMPREPLY=($(compgen -W "${words//|/ }" -- "$word"))
+      return
+    fi
+    ;;
   esac
   if [[ -z $command || $COMP_CWORD -eq 1 ]]; then
     COMPREPLY=($(compgen -W "$(_subview_words "$program" | grep -v '^--') --help --version" -- "$word"))

@@ -307,67 +307,94 @@ static int check_compare(const sv_tool_command *c, const lab_options *o) {
   return LAB_EXIT_OK;
 }
 
-// What no row can say for itself.
-static int check_together(const sv_tool_command *c, const lab_options *o) {
-  bool has_optics = o->keep >= 0 || o->baseline_m >= 0 || o->focal_px >= 0 || o->focus_m >= 0;
-  const bool is_grid = has_optics && (!strcmp(o->from, "lenslet") || !strcmp(o->from, "lytro"));
-  if (has_optics && !is_grid && (o->keep >= 0 || o->focus_m >= 0 || strcmp(o->from, "spatial") != 0))
-    return lab_usage(
-        c->name,
-        "--keep, --baseline, --focal and --focus need --from lenslet or lytro; --baseline and --focal "
-        "also go with spatial");
+static int check_import(const sv_tool_command *c, const lab_options *o) {
+  const bool has_optics = o->baseline_m >= 0 || o->focal_px >= 0, has_grid = o->keep >= 0 || o->focus_m >= 0;
+  const bool is_grid = !strcmp(o->from, "lenslet") || !strcmp(o->from, "lytro");
+  if (is_grid || (!has_optics && !has_grid) || (!has_grid && !strcmp(o->from, "spatial"))) return LAB_EXIT_OK;
+  return lab_usage(
+      c->name, "--keep, --baseline, --focal and --focus need --from lenslet or lytro; --baseline and --focal "
+               "also go with spatial");
+}
+
+static int check_info(const sv_tool_command *c, const lab_options *o) {
+  if ((o->data != NULL) == (o->rig != NULL))
+    return lab_usage(c->name, "--data or --rig is needed, and not both");
+  if ((o->rig != NULL) != (o->distance_m > 0))
+    return lab_usage(c->name, "--rig and --distance need each other");
+  return LAB_EXIT_OK;
+}
+
+static int check_tables(const sv_tool_command *c, const lab_options *o) {
+  if (o->plan && o->is_collected) return lab_usage(c->name, "--plan and --collect cannot be combined");
+  if (o->n_jobs > 0 && (o->plan || o->is_collected))
+    return lab_usage(c->name, "--jobs has no effect with --%s", o->plan ? "plan" : "collect");
+  return LAB_EXIT_OK;
+}
+
+static int check_train(const sv_tool_command *c, const lab_options *o) {
+  sv_dynamic_cfg scratch = sv_dynamic_defaults();
   if (o->steps >= 0 && o->time_limit_s >= 0)
     return lab_usage(c->name, "--steps and --time-limit cannot be combined");
-  if (o->mask_with && !(o->mask && sv_str_eq(o->mask, "covisible")))
-    return lab_usage(c->name, "--mask-with needs --mask covisible");
-  if (c->bit == LAB_INFO && (o->data != NULL) == (o->rig != NULL))
-    return lab_usage(c->name, "--data or --rig is needed, and not both");
-  if (c->bit == LAB_INFO && (o->rig != NULL) != (o->distance_m > 0))
-    return lab_usage(c->name, "--rig and --distance need each other");
-  if (c->bit == LAB_TABLES && o->plan && o->is_collected)
-    return lab_usage(c->name, "--plan and --collect cannot be combined");
-  if (c->bit == LAB_TABLES && o->n_jobs > 0 && (o->plan || o->is_collected))
-    return lab_usage(c->name, "--jobs has no effect with --%s", o->plan ? "plan" : "collect");
-  if (c->bit == LAB_TRAIN && !o->is_eval && (o->mask || o->has_lpips))
+  if (!o->is_eval && (o->mask || o->has_lpips))
     return lab_usage(c->name, "--%s needs --eval", o->mask ? "mask" : "lpips");
-  if (o->lpips_vgg && !o->has_lpips) return lab_usage(c->name, "--lpips-vgg needs --lpips");
-  sv_dynamic_cfg scratch = sv_dynamic_defaults();
-  if (o->motion && !(o->method && strcmp(o->method, "4dgs") == 0))
+  if (o->motion && !(o->method && sv_str_eq(o->method, "4dgs")))
     return lab_usage(c->name, "--motion needs --model 4dgs");
   if (o->motion && lab_parse_motion(o->motion, &scratch) != LAB_EXIT_OK)
     return lab_usage(c->name, "--motion must be clip or field, then settings ,name=number; not '%.80s'",
                      o->motion);
-  if (c->bit == LAB_EXPORT && o->spz_version > 0 && strcmp(o->format, "spz") != 0)
-    return lab_usage(c->name, "--spz-version needs --format spz");
-  if (c->bit == LAB_EXPORT && o->frames > 0 && !strcmp(o->format, "html"))
+  return LAB_EXIT_OK;
+}
+
+static int check_export(const sv_tool_command *c, const lab_options *o) {
+  const bool is_spz = !strcmp(o->format, "spz");
+  const bool is_moving = !strcmp(o->format, "delta") || !strcmp(o->format, "sequence");
+  if (o->spz_version > 0 && !is_spz) return lab_usage(c->name, "--spz-version needs --format spz");
+  if (o->frames > 0 && !strcmp(o->format, "html"))
     return lab_usage(c->name, "--frames has no effect with --format html");
-  const bool is_moving =
-      c->bit == LAB_EXPORT && (!strcmp(o->format, "delta") || !strcmp(o->format, "sequence"));
   if (is_moving && (o->viewer || o->crop || o->is_supported))
     return lab_usage(c->name, "--%s has no effect with --format %s",
                      o->viewer ? "for"
                      : o->crop ? "crop"
                                : "keep-supported",
                      o->format);
-  if (c->bit == LAB_EXPORT && o->is_supported != (o->data != NULL))
+  if (o->is_supported != (o->data != NULL))
     return lab_usage(c->name, "--keep-supported and --data need each other");
-  if (c->bit == LAB_EXPORT && o->min_views > 0 && !o->is_supported)
-    return lab_usage(c->name, "--min-views needs --keep-supported");
-  if (c->bit == LAB_EXPORT && o->viewer && !strcmp(o->viewer, "niantic") && strcmp(o->format, "spz") != 0)
+  if (o->min_views > 0 && !o->is_supported) return lab_usage(c->name, "--min-views needs --keep-supported");
+  if (o->viewer && !strcmp(o->viewer, "niantic") && !is_spz)
     return lab_usage(c->name, "--for niantic needs --format spz");
+  return LAB_EXIT_OK;
+}
+
+static int check_render(const sv_tool_command *c, const lab_options *o) {
+  const bool is_film = lab_is_film(o->out), is_orbit = o->orbit >= 0;
+  if (is_orbit && o->split) return lab_usage(c->name, "--split and --orbit cannot be combined");
+  if (!o->data && !is_orbit) return lab_usage(c->name, "--data is missing; only --orbit renders without it");
+  if (is_film && !is_orbit && o->frames < 0)
+    return lab_usage(c->name, "--out %.200s needs --orbit or --frames", o->out);
+  if (is_film && o->has_depth)
+    return lab_usage(c->name, "--depth needs a folder as --out; --film depth makes a film of it");
+  if (o->film && !is_film)
+    return lab_usage(c->name, "--film needs a film as --out: NAME.mp4, NAME.webm or NAME.webp");
+  if (o->width_px > 0 && !is_orbit) return lab_usage(c->name, "--width needs --orbit");
+  return LAB_EXIT_OK;
+}
+
+// What no row can say for itself: what options ask of each other.
+static int check_together(const sv_tool_command *c, const lab_options *o) {
+  static const struct {
+    int command;
+    int (*check)(const sv_tool_command *, const lab_options *);
+  } checks[] = {{LAB_IMPORT, check_import},  {LAB_INFO, check_info},     {LAB_TABLES, check_tables},
+                {LAB_TRAIN, check_train},    {LAB_EXPORT, check_export}, {LAB_RENDER, check_render},
+                {LAB_COMPARE, check_compare}};
+  if (o->mask_with && !(o->mask && sv_str_eq(o->mask, "covisible")))
+    return lab_usage(c->name, "--mask-with needs --mask covisible");
+  if (o->lpips_vgg && !o->has_lpips) return lab_usage(c->name, "--lpips-vgg needs --lpips");
   if (c->bit != LAB_EXPORT && o->up && o->data && !lab_is_upright(o->model))
     return lab_usage(c->name, "--up needs a model that ends in .spz or .glb");
-  if (o->orbit >= 0 && o->split) return lab_usage(c->name, "--split and --orbit cannot be combined");
-  if (c->bit == LAB_RENDER && !o->data && o->orbit < 0)
-    return lab_usage(c->name, "--data is missing; only --orbit renders without it");
-  if (c->bit == LAB_RENDER && lab_is_film(o->out) && o->orbit < 0 && o->frames < 0)
-    return lab_usage(c->name, "--out %.200s needs --orbit or --frames", o->out);
-  if (c->bit == LAB_RENDER && lab_is_film(o->out) && o->has_depth)
-    return lab_usage(c->name, "--depth needs a folder as --out; --film depth makes a film of it");
-  if (c->bit == LAB_RENDER && o->film && !lab_is_film(o->out))
-    return lab_usage(c->name, "--film needs a film as --out: NAME.mp4, NAME.webm or NAME.webp");
-  if (o->width_px > 0 && o->orbit < 0) return lab_usage(c->name, "--width needs --orbit");
-  return c->bit == LAB_COMPARE ? check_compare(c, o) : LAB_EXIT_OK;
+  for (size_t i = 0; i < sizeof checks / sizeof *checks; i++)
+    if (c->bit == checks[i].command) return checks[i].check(c, o);
+  return LAB_EXIT_OK;
 }
 
 static int parse_loss(const sv_tool_command *c, lab_options *o) {
