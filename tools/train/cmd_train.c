@@ -50,6 +50,7 @@ typedef struct {
   bool is_standing;               // the rig, while the scene moves
   bool is_stereo;                 // starts from depth maps of its own views
   bool is_refining;               // training moves the poses
+  bool has_poses;                 // they are saved
   bool is_aligned;                // held-out poses are refined before they are scored
 } run;
 
@@ -344,7 +345,7 @@ static sv_status evaluate(run *r, sv_err *err) {
   sv_status s = lab_views_open(&v, &src, &r->session.pool, err);
   if (s == SV_OK) s = sv_path_join(folder, sizeof folder, r->o->out, "eval", err);
   if (s == SV_OK) s = sv_path_join(refined, sizeof refined, r->o->out, LAB_POSES_NAME, err);
-  if (r->is_refining) train.refined = refined; // saved by now
+  if (r->has_poses) train.refined = refined;
   lab_eval_job job = {.session = &r->session,
                       .g = &r->plan.trainer.g,
                       .render = r->render,
@@ -441,7 +442,7 @@ static void report_settings(lab_report *j, const run *r) {
   lab_report_bool(j, "undistorted", r->views.is_undistorted);
   lab_report_num(j, "near_z", (double)r->render.near_z);
   lab_report_bool(j, "stopped", r->is_stopped);
-  if (r->is_refining) lab_report_text(j, "refined_poses", LAB_POSES_NAME);
+  if (r->has_poses) lab_report_text(j, "refined_poses", LAB_POSES_NAME);
 }
 
 // All are written before the first takes its place: what can fail or take long leaves an older
@@ -458,6 +459,15 @@ static sv_status save_in(run *r, const char *folder, sv_err *err) {
   const bool is_dynamic = r->plan.trainer.cfg.has_motion;
   const sv_gaussians *g = &r->plan.trainer.g;
   for (int i = 0; i < N_FILES; i++) sv_file_init(&files[i]);
+  if (r->is_refining) {
+    sv_err why; // the dataset may be gone by now; the model is worth more than its poses
+    r->has_poses =
+        lab_poses_begin(&files[POSES], &r->views, &r->plan.trainer, r->o->data, folder, &why) == SV_OK;
+    if (!r->has_poses) {
+      sv_file_abandon(&files[POSES]);
+      lab_say(&r->session, "the refined poses are not saved: %s", why.text);
+    }
+  }
   lab_report_begin(&j);
   report_settings(&j, r);
   report_figures(&j, r);
@@ -466,8 +476,6 @@ static sv_status save_in(run *r, const char *folder, sv_err *err) {
   if (s == SV_OK) s = sv_path_join(path, sizeof path, folder, "train.json", err);
   if (s == SV_OK) s = lab_model_begin(&files[MODEL], g, &notes, model, err);
   if (s == SV_OK && is_dynamic) s = lab_motion_begin(&files[MOTION], &r->plan.dynamic.deform, g, model, err);
-  if (s == SV_OK && r->is_refining)
-    s = lab_poses_begin(&files[POSES], &r->views, &r->plan.trainer, r->o->data, folder, err);
   if (s == SV_OK && j.is_failed) s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its text", path);
   if (s == SV_OK) s = sv_file_begin(&files[SETTINGS], path, err);
   if (s == SV_OK) s = sv_file_append(&files[SETTINGS], j.text, j.bytes, err);
@@ -511,7 +519,7 @@ static sv_status print(const run *r, sv_err *err) {
   printf("trained %d Gaussians on %d views: %u steps in %.1f s (%.1f steps/s), loss %.4f%s\n",
          r->plan.trainer.g.n, r->views.n, r->plan.trainer.step, r->driver.train_s,
          sv_driver_steps_per_s(&r->driver), r->driver.loss, r->is_stopped ? ", stopped early" : "");
-  if (r->is_refining) printf("refined poses: %s/" LAB_POSES_NAME "\n", r->o->out);
+  if (r->has_poses) printf("refined poses: %s/" LAB_POSES_NAME "\n", r->o->out);
   if (r->has_scores) {
     printf("%s views %d: ", lab_default_split((int)r->o->exposures), r->scores.n);
     lab_scores_print(&r->scores);
