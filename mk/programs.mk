@@ -27,7 +27,7 @@ $(eval $(call archive_rule,libcalibrate,$(call obj,$(filter-out %/main.c,$(CAL_S
 has_lib = $(if $(wildcard $(INC_DIR)/$(1)),$(2))
 link = @mkdir -p $(@D); $(if $(V),echo link $@;) $(CC) $(filter %.o,$^) $(filter %.a,$^) $(LDFLAGS_ALL) $(1) \
   $(LIBS) $(call has_lib,zstd.h,-lzstd) $(call has_lib,webp/mux.h,-lwebpmux -lwebpdemux -lwebp) \
-  $(call has_lib,OpenEXR/openexr.h,-lOpenEXRCore) -o $@
+  $(call has_lib,OpenEXR/openexr.h,-lOpenEXRCore) $(call has_lib,sqlite3.h,-lsqlite3) -o $@
 $(O)/bin/subview: $(call obj,$(MAIN_SRC)) $(ARCHIVES)
 	$(call link)
 $(O)/bin/subview-preview: $(call obj,$(PREVIEW_SRC)) $(O)/libplatform.a $(CORE)
@@ -49,7 +49,7 @@ $(CAMERA_MODULE): $(MODULE_OBJ)
 # What this build has of the optional libraries: a line that is printed when it changes.
 LIBCAMERA_VERSION := $(if $(HAVE_libcamera),$(shell sed -n 's/.*VERSION_\(MAJOR\|MINOR\|PATCH\)[^0-9]*\([0-9]*\)$$/\2/p' \
   $(INC_DIR)/libcamera/libcamera/version.h | paste -sd .))
-FEATURE_LIST := libcamera page display mrcal opencv dnn mrgingham opengv openexr zstd
+FEATURE_LIST := libcamera page display mrcal opencv dnn mrgingham opengv openexr sqlite zstd
 with_feature = $(if $(HAVE_$(1)),$(1)$(if $(filter libcamera,$(1)), $(LIBCAMERA_VERSION)))
 WITHOUT  := $(strip $(foreach f,$(FEATURE_LIST),$(if $(HAVE_$(f)),,$(f))))
 FEATURES := $(O), $(SUITE): with $(strip $(foreach f,$(FEATURE_LIST),$(call with_feature,$(f)))); without $(or $(WITHOUT),nothing)

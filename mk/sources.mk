@@ -26,6 +26,7 @@ HAVE_opengv    := $(call have_cxx,opengv/types.hpp eigen3/Eigen/Core)
 HAVE_page      := $(call have,microhttpd.h seccomp.h)
 HAVE_display   := $(if $(wildcard $(INC_DIR)/libdrm/drm_mode.h),1)
 HAVE_openexr   := $(if $(wildcard $(INC_DIR)/OpenEXR/openexr.h),1)
+HAVE_sqlite    := $(if $(wildcard $(INC_DIR)/sqlite3.h),1)
 HAVE_zstd      := $(if $(wildcard $(INC_DIR)/zstd.h),1)
 
 PLAT_SRC := $(VIEWER_SRC) $(foreach p,$(BOARD_PLATFORMS),$(wildcard platform/$(p)/*.c))

@@ -88,32 +88,36 @@ static void put_string(mcap_bytes *b, size_t from, const char *s) {
   put(b, s, strlen(s) + 1);
 }
 
-void mcap_put(mcap_file *m, int channel, const mcap_picture *p) {
+void mcap_message(mcap_bytes *b, const mcap_picture *p) {
   static const uint8_t head[4] = {0, 1, 0, 0};
+  put(b, head, 4);
+  const size_t from = b->bytes;
+  put_u32(b, (uint32_t)(p->stamp_ns / 1000000000));
+  put_u32(b, (uint32_t)(p->stamp_ns % 1000000000));
+  put_string(b, from, "optical");
+  if (*p->encoding) {
+    align(b, from);
+    put_u32(b, (uint32_t)p->height_px);
+    put_u32(b, (uint32_t)p->width_px);
+    put_string(b, from, p->encoding);
+    put_u8(b, 0);
+    align(b, from);
+    put_u32(b, (uint32_t)p->stride_bytes);
+  } else {
+    put_string(b, from, "jpeg");
+    align(b, from);
+  }
+  put_u32(b, (uint32_t)p->bytes);
+  put(b, p->px, p->bytes);
+}
+
+void mcap_put(mcap_file *m, int channel, const mcap_picture *p) {
   mcap_bytes b = {0};
   put_u16(&b, channel);
   put_u32(&b, 0);
   put_u64(&b, (uint64_t)p->stamp_ns + 5000000);
   put_u64(&b, (uint64_t)p->stamp_ns + 5000000);
-  put(&b, head, 4);
-  const size_t from = b.bytes;
-  put_u32(&b, (uint32_t)(p->stamp_ns / 1000000000));
-  put_u32(&b, (uint32_t)(p->stamp_ns % 1000000000));
-  put_string(&b, from, "optical");
-  if (*p->encoding) {
-    align(&b, from);
-    put_u32(&b, (uint32_t)p->height_px);
-    put_u32(&b, (uint32_t)p->width_px);
-    put_string(&b, from, p->encoding);
-    put_u8(&b, 0);
-    align(&b, from);
-    put_u32(&b, (uint32_t)p->stride_bytes);
-  } else {
-    put_string(&b, from, "jpeg");
-    align(&b, from);
-  }
-  put_u32(&b, (uint32_t)p->bytes);
-  put(&b, p->px, p->bytes);
+  mcap_message(&b, p);
   put_record(&m->chunk, 5, &b);
 }
 

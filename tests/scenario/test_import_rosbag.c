@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording of ROS 2 (.mcap) of a simulated stereo rig: JPEG on one topic, raw pixels on the
+// A recording of ROS 2 (.mcap, .db3) of a simulated stereo rig: JPEG on one topic, raw pixels on the
 // other, a depth topic and a repeated one beside them. It becomes the capture that it was made of.
 #include <stdio.h>
 #include <stdlib.h>
@@ -10,11 +10,22 @@
 #include "tests/common/test.h"
 #include "tools/common/fileio.h"
 #include "tools/common/imageio.h"
+#include "tools/import/mcap.h"
+
+#if defined(__has_include) && __has_include(<sqlite3.h>)
+#include <sqlite3.h>
+#define HAS_SQLITE 1
+#else
+#define HAS_SQLITE 0
+#endif
 
 #define N_FRAMES  8
 #define PERIOD_NS 50000000
 #define START_NS  1700000000000000000
-enum { LEFT, RIGHT, RIGHT_JPEG, DEPTH };
+enum { LEFT, RIGHT, RIGHT_JPEG, DEPTH, N_TOPICS };
+static const char *const topics[N_TOPICS] = {"/left/image_raw/compressed", "/right/image_raw",
+                                             "/right/image_raw/compressed", "/depth/image_rect_raw"};
+static const bool is_compressed[N_TOPICS] = {true, false, true, false};
 
 static lab_shell shell = {.cwd = ""};
 static sv_err err;
@@ -31,26 +42,29 @@ static void save(const char *name, const void *data, size_t bytes) {
   assert_ok(sv_file_write(path, data, bytes, &err), &err);
 }
 
+typedef void put_fn(void *to, int channel, const mcap_picture *p);
+static void put_mcap(void *to, int channel, const mcap_picture *p) { mcap_put(to, channel, p); }
+
 // The right camera's picture comes 2 ms later, by BGR with rows that are 12 bytes longer. The left
 // one stops once for a frame.
-static void put_exposure(mcap_file *m, int i) {
+static void put_exposure(void *to, int i, put_fn *put) {
   static uint8_t rows[120 * (480 + 12)];
   void *data;
   size_t bytes;
   sv_bitmap b;
   const int64_t stamp = START_NS + (int64_t)i * PERIOD_NS;
   read_frame("left", i, &data, &bytes);
-  if (i != 5) mcap_put(m, LEFT, &(mcap_picture){stamp, "", 0, 0, 0, data, bytes});
+  if (i != 5) put(to, LEFT, &(mcap_picture){stamp, "", 0, 0, 0, data, bytes});
   free(data);
   read_frame("right", i, &data, &bytes);
   assert_ok(sv_bitmap_decode("right", data, bytes, &b, &err), &err);
   for (int y = 0; y < 120; y++)
     for (int x = 0; x < 480; x++) rows[y * 492 + x] = b.u8[y * 480 + x / 3 * 3 + 2 - x % 3];
   const mcap_picture raw = {stamp + 2000000, "bgr8", 160, 120, 492, rows, sizeof rows};
-  mcap_put(m, RIGHT, &raw);
-  mcap_put(m, RIGHT, &raw); // a message that comes twice counts once
-  mcap_put(m, RIGHT_JPEG, &(mcap_picture){stamp + 2000000, "", 0, 0, 0, data, bytes});
-  mcap_put(m, DEPTH, &(mcap_picture){stamp, "16UC1", 160, 120, 320, rows, 38400});
+  put(to, RIGHT, &raw);
+  put(to, RIGHT, &raw); // a message that comes twice counts once
+  put(to, RIGHT_JPEG, &(mcap_picture){stamp + 2000000, "", 0, 0, 0, data, bytes});
+  put(to, DEPTH, &(mcap_picture){stamp, "16UC1", 160, 120, 320, rows, 38400});
   sv_bitmap_free(&b);
   free(data);
 }
@@ -58,12 +72,9 @@ static void put_exposure(mcap_file *m, int i) {
 static void make(const char *name, bool is_packed) {
   mcap_file m = {.is_packed = is_packed};
   mcap_begin(&m);
-  mcap_topic(&m, LEFT, "/left/image_raw/compressed", true);
-  mcap_topic(&m, RIGHT, "/right/image_raw", false);
-  mcap_topic(&m, RIGHT_JPEG, "/right/image_raw/compressed", true);
-  mcap_topic(&m, DEPTH, "/depth/image_rect_raw", false);
+  for (int k = 0; k < N_TOPICS; k++) mcap_topic(&m, k, topics[k], is_compressed[k]);
   for (int i = 0; i < N_FRAMES; i++) {
-    put_exposure(&m, i);
+    put_exposure(&m, i, put_mcap);
     if (i % 3 == 2) mcap_chunk(&m);
   }
   mcap_chunk(&m);
@@ -71,6 +82,48 @@ static void make(const char *name, bool is_packed) {
   save(name, m.file.data, m.file.bytes);
   mcap_free(&m);
 }
+
+#if HAS_SQLITE
+static void put_row(void *to, int channel, const mcap_picture *p) {
+  sqlite3_stmt *q;
+  mcap_bytes b = {0};
+  mcap_message(&b, p);
+  assert_int_equal(sqlite3_prepare_v2(to, "INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)",
+                                      -1, &q, NULL),
+                   SQLITE_OK);
+  sqlite3_bind_int(q, 1, channel + 1);
+  sqlite3_bind_int64(q, 2, p->stamp_ns + 5000000);
+  sqlite3_bind_blob(q, 3, b.data, (int)b.bytes, SQLITE_TRANSIENT);
+  assert_int_equal(sqlite3_step(q), SQLITE_DONE);
+  sqlite3_finalize(q);
+  free(b.data);
+}
+
+// As rosbag2 lays it out.
+static void make_db3(const char *name) {
+  char path[400], line[300];
+  sqlite3 *db;
+  snprintf(path, sizeof path, "%s/%s", shell.root, name);
+  assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
+  assert_int_equal(
+      sqlite3_exec(db,
+                   "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, "
+                   "serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL);"
+                   "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp "
+                   "INTEGER NOT NULL, data BLOB NOT NULL);",
+                   NULL, NULL, NULL),
+      SQLITE_OK);
+  for (int k = 0; k < N_TOPICS; k++) {
+    snprintf(line, sizeof line, "INSERT INTO topics VALUES (%d, '%s', 'sensor_msgs/msg/%s', 'cdr', '')",
+             k + 1, topics[k], is_compressed[k] ? "CompressedImage" : "Image");
+    assert_int_equal(sqlite3_exec(db, line, NULL, NULL, NULL), SQLITE_OK);
+  }
+  for (int i = 0; i < N_FRAMES; i++) put_exposure(db, i, put_row);
+  assert_int_equal(sqlite3_close(db), SQLITE_OK);
+}
+#else
+static void make_db3(const char *name) { (void)name; }
+#endif
 
 static int setup(void **state) {
   (void)state;
@@ -123,9 +176,9 @@ TEST(test_recording) {
          "@ import --from rosbag bag.mcap --rig cap/rig --out a");
   assert_contains(shell.said, "/depth/image_rect_raw: left out");
   for (int i = 0; i < 7; i++) check_exposure("a", i, i < 5 ? i : i + 1);
-  expect(0, "7 views",
-         "$(dirname @)/subview run --source replay:a --exposures 7 --steps 20 --gaussians 300 "
-         "--out run && echo 7 views");
+  lab_shell_run_well(&shell,
+                     "$(dirname @)/subview run --source replay:a --exposures 7 --steps 20 --gaussians 300 "
+                     "--out run");
   expect(0, "4 exposures",
          "mkdir one && cp bag.mcap one/bag_0.mcap && @ import --from rosbag one --every 0.1 --out b");
   check_exposure("b", 1, 2);
@@ -139,6 +192,19 @@ TEST(test_packed) {
   make("packed.mcap", true);
   expect(0, "7 exposures of 2 cameras", "@ import --from rosbag packed.mcap --out c");
   for (int i = 0; i < 7; i++) check_exposure("c", i, i < 5 ? i : i + 1);
+}
+
+TEST(test_sqlite) {
+  lab_shell_need(&shell);
+  if (!lab_has_db3()) skip();
+  make_db3("bag.db3");
+  expect(0, "7 exposures of 2 cameras", "@ import --from rosbag bag.db3 --out e");
+  for (int i = 0; i < 7; i++) check_exposure("e", i, i < 5 ? i : i + 1);
+  expect(1, "cannot be read as a recording",
+         "head -c 50000 bag.db3 >cut.db3; @ import --from rosbag cut.db3 --out f");
+  expect(1, "cannot be read as a recording",
+         "cp cap/left/000000.jpg odd.db3; @ import --from rosbag odd.db3 --out f");
+  expect(1, "cannot be read as a recording", "@ import --from rosbag absent.db3 --out f");
 }
 
 TEST(test_hostile) {
@@ -158,7 +224,7 @@ TEST(test_hostile) {
       1, "has no pictures that can be read",
       "sed 's/bgr8/yuv9/g; s/\\xff\\xd8\\xff/\\xff\\xd7\\xff/g' bag.mcap >odd.mcap; @ import --from rosbag "
       "odd.mcap --out d");
-  expect(1, "has 2 files .mcap; name one",
+  expect(1, "has 2 files .mcap or .db3; name one",
          "mkdir two && cp bag.mcap two/a_0.mcap && cp bag.mcap two/a_1.mcap && @ import --from rosbag two "
          "--out d");
   expect(2, "--rig and --stream must be given together",
@@ -167,6 +233,6 @@ TEST(test_hostile) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_recording), cmocka_unit_test(test_packed),
-                                     cmocka_unit_test(test_hostile)};
+                                     cmocka_unit_test(test_sqlite), cmocka_unit_test(test_hostile)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

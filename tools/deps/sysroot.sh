@@ -24,7 +24,7 @@ if [ "$1" = --names ]; then
 fi
 suite=$1 arch=$2 folder=$3
 packages=libc6-dev,linux-libc-dev,libjpeg-dev,libpng-dev,zlib1g-dev,libcmocka-dev,libjsmn-dev
-packages=$packages,libmicrohttpd-dev,libgnutls28-dev,libseccomp-dev,libstb-dev,libwebp-dev,libzstd-dev,libopenexr-dev,libdrm-dev,libcamera-dev,libcamera-ipa
+packages=$packages,libmicrohttpd-dev,libgnutls28-dev,libseccomp-dev,libstb-dev,libwebp-dev,libzstd-dev,libopenexr-dev,libsqlite3-dev,libdrm-dev,libcamera-dev,libcamera-ipa
 packages=$packages,libmrcal-dev,libsuitesparse-dev,libmrgingham-dev,libopencv-calib3d-dev,libopencv-video-dev,libopencv-dnn-dev,libopencv-imgproc-dev
 packages=$packages,libopengv-dev,libeigen3-dev
 # The C++ headers of this machine's compilers, cross compilers included; the library itself is the

@@ -97,7 +97,7 @@ sv_status lab_import_release(const lab_options *o, lab_session *se, sv_err *err)
 bool lab_import_is_clip(const char *name);
 // A folder of clips, one a camera -> a capture folder on one clock.
 sv_status lab_import_multicam(const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;
-// A recording of ROS 2 (.mcap) -> a capture folder, a camera a topic of pictures.
+// A recording of ROS 2 (.mcap, .db3) -> a capture folder, a camera a topic of pictures.
 sv_status lab_import_rosbag(const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;
 // A spatial video (tools/import/spatial.h) -> a capture folder with its rig.
 sv_status lab_import_spatial(const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;

@@ -1,9 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/import/mcap.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
+#include "platform/linux/linux.h"
 #include "src/base/str.h"
 #include "src/format/bytes.h"
 
@@ -169,7 +174,7 @@ static sv_status read_records(job *j, reader r, bool is_in_chunk, sv_err *err) {
 
 sv_status lab_mcap_read(const sv_file_data *file, const lab_mcap_sink *sink, sv_err *err) {
   if (file->bytes < sizeof magic || memcmp(file->data, magic, sizeof magic) != 0)
-    return sv_fail(err, SV_E_FORMAT, "%.150s: is not an MCAP file; 'mcap convert' makes one of .bag and .db3",
+    return sv_fail(err, SV_E_FORMAT, "%.150s: is not an MCAP file; 'mcap convert' makes one of .bag",
                    file->name);
   job *j = calloc(1, sizeof *j);
   if (!j) return sv_fail(err, SV_E_NOMEM, "%.150s: no memory", file->name);
@@ -178,6 +183,21 @@ sv_status lab_mcap_read(const sv_file_data *file, const lab_mcap_sink *sink, sv_
   const reader r = {(const uint8_t *)file->data + sizeof magic, file->bytes - sizeof magic, false};
   sv_status s = read_records(j, r, false, err);
   free(j);
+  return s;
+}
+
+sv_status lab_mcap_read_file(const char *path, const lab_mcap_sink *sink, sv_err *err) {
+  const int fd = open(path, O_RDONLY | O_CLOEXEC);
+  const off_t bytes = fd < 0 ? -1 : lseek(fd, 0, SEEK_END);
+  void *data = bytes > 0 ? mmap(NULL, (size_t)bytes, PROT_READ, MAP_PRIVATE, fd, 0) : MAP_FAILED;
+  const bool is_mapped = data != MAP_FAILED;
+  sv_status s =
+      fd < 0 || (bytes > 0 && !is_mapped)
+          ? sv_fail(err, SV_E_NOT_FOUND, "%.150s: cannot be read: %s", path, sv_linux_reason(errno))
+          : lab_mcap_read(&(sv_file_data){path, is_mapped ? data : "", is_mapped ? (size_t)bytes : 0}, sink,
+                          err);
+  if (is_mapped) munmap(data, (size_t)bytes);
+  if (fd >= 0) close(fd);
   return s;
 }
 

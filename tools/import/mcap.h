@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// MCAP, the container of ROS 2's recordings (mcap.dev/spec), over a buffer: messages with pictures
-// in the file's order. Chunks may be stored or compressed by zstd. Owns nothing but the chunk that
+// Recordings of ROS 2: MCAP (mcap.dev/spec) over a buffer, and SQLite. Messages with pictures in
+// the file's order. Chunks may be stored or compressed by zstd. Owns nothing but the chunk that
 // it unpacks; never trusts a length of the file.
 #ifndef SV_TOOLS_IMPORT_MCAP_H
 #define SV_TOOLS_IMPORT_MCAP_H
@@ -33,6 +33,12 @@ typedef struct {
 } lab_mcap_sink;
 // E_FORMAT for anything that is not a whole MCAP file, E_UNSUPPORTED for other compressions.
 sv_status lab_mcap_read(const sv_file_data *file, const lab_mcap_sink *sink, sv_err *err) SV_MUST_USE;
+
+sv_status lab_mcap_read_file(const char *path, const lab_mcap_sink *sink, sv_err *err) SV_MUST_USE;
+
+// The same of a recording in SQLite (db3.c). E_UNSUPPORTED in builds without it.
+bool lab_has_db3(void);
+sv_status lab_db3_read(const char *path, const lab_mcap_sink *sink, sv_err *err) SV_MUST_USE;
 
 // The picture in a message.
 typedef struct {

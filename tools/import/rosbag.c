@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording of ROS 2 (.mcap) -> a capture folder: a camera for each topic of pictures, exposures
+// A recording of ROS 2 (.mcap, .db3) -> a capture folder: a camera for each topic of pictures, exposures
 // by the times in the messages' headers. It is read twice: for the times, and for the pictures that
 // make exposures.
-#include <errno.h>
-#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
-#include <unistd.h>
 
 #include "src/base/str.h"
 #include "tools/import/clips.h"
@@ -222,16 +218,21 @@ static sv_status choose_cameras(job *j, sv_err *err) {
                   : sv_fail(err, SV_E_NOT_FOUND, "%.150s: has no pictures that can be read", j->o->input);
 }
 
-static sv_status import(job *j, const sv_file_data *file, sv_err *err) {
+static sv_status read_bag(const char *path, const lab_mcap_sink *sink, sv_err *err) {
+  return sv_str_eq(sv_path_extension(path), ".db3") ? lab_db3_read(path, sink, err)
+                                                    : lab_mcap_read_file(path, sink, err);
+}
+
+static sv_status import(job *j, const char *path, sv_err *err) {
   const lab_mcap_sink times = {j, first_reading}, pictures = {j, second_reading};
-  sv_status s = lab_mcap_read(file, &times, err);
+  sv_status s = read_bag(path, &times, err);
   if (s == SV_OK) s = choose_cameras(j, err);
   if (s == SV_OK) s = lab_clips_pair(&j->all, j->o->every_s, err);
   if (s == SV_OK) s = sv_import_begin(&j->job, err);
   if (s == SV_OK && j->o->rig) s = lab_clips_take_rig(j->o, j->cams, j->all.n, err);
   for (int k = 0; s == SV_OK && k < j->all.n; k++)
     s = lab_clips_set_times(&j->job, &j->all, k, &j->cams[k], err);
-  if (s == SV_OK) s = lab_mcap_read(file, &pictures, err);
+  if (s == SV_OK) s = read_bag(path, &pictures, err);
   if (s == SV_OK) s = sv_import_write(&j->job, "rosbag", j->all.fps, j->cams, j->all.n, err);
   else
     for (int k = 0; k < CAP; k++) free(j->cams[k].times_ns);
@@ -239,6 +240,10 @@ static sv_status import(job *j, const sv_file_data *file, sv_err *err) {
     lab_say(j->se, "%s: %d exposures of %d cameras; pictures of one exposure are up to %.1f ms apart",
             j->o->out, j->all.n_exposures, j->all.n, 1e3 * j->all.max_skew_s);
   return s;
+}
+
+static bool is_bag(const char *name) {
+  return sv_str_eq(sv_path_extension(name), ".mcap") || sv_str_eq(sv_path_extension(name), ".db3");
 }
 
 // The file itself, or the only one in the folder that rosbag2 makes.
@@ -250,11 +255,10 @@ static sv_status find_file(const char *input, char path[SV_CAP_PATH], sv_err *er
   sv_status s = sv_folder_list(input, &names, err);
   if (s != SV_OK) return s;
   for (int i = 0; i < names.n && s == SV_OK; i++)
-    if (sv_str_eq(sv_path_extension(names.names[i]), ".mcap") && n++ == 0)
-      s = sv_path_join(path, SV_CAP_PATH, input, names.names[i], err);
+    if (is_bag(names.names[i]) && n++ == 0) s = sv_path_join(path, SV_CAP_PATH, input, names.names[i], err);
   sv_names_free(&names);
   if (s == SV_OK && n != 1)
-    s = sv_fail(err, SV_E_NOT_FOUND, "%.150s: has %d files .mcap; name one", input, n);
+    s = sv_fail(err, SV_E_NOT_FOUND, "%.150s: has %d files .mcap or .db3; name one", input, n);
   return s;
 }
 
@@ -262,23 +266,13 @@ sv_status lab_import_rosbag(const lab_options *o, lab_session *se, sv_err *err) 
   char path[SV_CAP_PATH];
   sv_status s = find_file(o->input, path, err);
   if (s != SV_OK) return s;
-  const int fd = open(path, O_RDONLY | O_CLOEXEC);
-  const off_t bytes = fd < 0 ? -1 : lseek(fd, 0, SEEK_END);
-  if (bytes < 0) s = sv_fail(err, SV_E_NOT_FOUND, "%.150s: cannot be read: %s", path, sv_linux_reason(errno));
-  void *data =
-      s == SV_OK && bytes > 0 ? mmap(NULL, (size_t)bytes, PROT_READ, MAP_PRIVATE, fd, 0) : MAP_FAILED;
-  const bool is_mapped = data != MAP_FAILED;
-  job *j = s == SV_OK ? calloc(1, sizeof *j) : NULL;
-  if (s == SV_OK && !j) s = sv_fail(err, SV_E_NOMEM, "%.150s: no memory", path);
-  if (s == SV_OK) {
-    *j = (job){.o = o, .se = se, .job = {o->input, o->out, se->console}};
-    j->all.clips = j->clips;
-    s = import(j, &(sv_file_data){path, is_mapped ? data : "", is_mapped ? (size_t)bytes : 0}, err);
-    lab_clips_free(&j->all);
-    for (int i = 0; i < j->n_topics; i++) free(j->topics[i].times_s);
-  }
+  job *j = calloc(1, sizeof *j);
+  if (!j) return sv_fail(err, SV_E_NOMEM, "%.150s: no memory", path);
+  *j = (job){.o = o, .se = se, .job = {o->input, o->out, se->console}};
+  j->all.clips = j->clips;
+  s = import(j, path, err);
+  lab_clips_free(&j->all);
+  for (int i = 0; i < j->n_topics; i++) free(j->topics[i].times_s);
   free(j);
-  if (is_mapped) munmap(data, (size_t)bytes);
-  if (fd >= 0) close(fd);
   return s;
 }
