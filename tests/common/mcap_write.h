@@ -34,7 +34,8 @@ typedef struct {
 bool mcap_can_pack(void);
 void mcap_begin(mcap_file *m);
 void mcap_topic(mcap_file *m, int channel, const char *name, bool is_compressed);
-// The message in CDR, behind what is in b; its alignment is counted from there. The caller frees b->data.
+// The message in CDR, behind what is in b; its alignment is counted from there. The caller frees
+// b->data.
 void mcap_message(mcap_bytes *b, const mcap_picture *p);
 void mcap_put(mcap_file *m, int channel, const mcap_picture *p);
 void mcap_chunk(mcap_file *m); // what was put since the last one

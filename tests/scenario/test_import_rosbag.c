@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording of ROS 2 (.mcap, .db3) of a simulated stereo rig: JPEG on one topic, raw pixels on the
-// other, a depth topic and a repeated one beside them. It becomes the capture that it was made of.
+// A recording of ROS 2 (.mcap, .db3) of a simulated stereo rig: JPEG on one topic, raw pixels on
+// the other, a depth topic and a repeated one beside them. It becomes the capture that it was made
+// of.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

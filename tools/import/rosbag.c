@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording of ROS 2 (.mcap, .db3) -> a capture folder: a camera for each topic of pictures, exposures
-// by the times in the messages' headers. It is read twice: for the times, and for the pictures that
-// make exposures.
+// A recording of ROS 2 (.mcap, .db3) -> a capture folder: a camera for each topic of pictures,
+// exposures by the times in the messages' headers. It is read twice: for the times, and for the
+// pictures that make exposures.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
