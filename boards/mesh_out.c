@@ -5,14 +5,12 @@
 
 #include "src/base/mathx.h"
 #include "src/mesh/mesh.h"
-#include "src/splat/surface.h"
 
 #define VOXELS       128 // of the scene's radius
 #define CAP_BLOCKS   8192
 #define CAP_VERTICES 400000
 #define N_TRIES      6     // each with voxels that are larger by
 #define COARSER      1.26f // which halves their number
-#define ALPHA_MIN    0.5f  // a pixel that is mostly background has no depth
 #define MIN_VIEWS    16    // that saw a surface; one in five of few
 #define SMALL        0.02f // connected parts below this share of the largest are floaters
 
@@ -36,7 +34,6 @@ sv_status mesh_out_carve(mesh_out *m, const sv_app_cfg *cfg, sv_arena *arena, sv
   sv_arena_part_begin(arena, "mesh");
   m->field_bytes = sv_mesh_bytes(&c) + SV_ARENA_ALIGN;
   m->field = SV_TAKE(arena, uint8_t, m->field_bytes);
-  m->logit = SV_TAKE(arena, float, t.n_gaussians);
   m->depth = SV_TAKE(arena, float, sv_plane_floats(t.cap_width_px, t.cap_height_px));
   return arena->status < 0 ? sv_fail(err, arena->status, "no room for a mesh (%zu MiB)", m->field_bytes >> 20)
                            : SV_OK;
@@ -44,29 +41,13 @@ sv_status mesh_out_carve(mesh_out *m, const sv_app_cfg *cfg, sv_arena *arena, sv
 
 // --- surfaces ------------------------------------------------------------------------------------
 
-// Opacities for depth, or again those that were trained.
-static void set_opacity(mesh_out *m, sv_gaussians *g, bool is_surface) {
-  for (int i = 0; i < g->n; i++) {
-    sv_gaussian v;
-    sv_gaussians_get(g, i, &v);
-    v.opacity_logit = is_surface ? sv_surface_logit(m->logit[i], SV_SURFACE_OPACITY) : m->logit[i];
-    sv_gaussians_put(g, i, &v);
-  }
-}
-
 static sv_status fuse_view(mesh_out *m, sv_mesh *mesh, sv_app *app, const sv_view *v) {
   sv_trainer *t = &app->trainer;
-  sv_render_options o = sv_train_render_options(t, 1.0f, false);
-  o.has_depth = true;
-  o.has_surface = true;
-  for (int c = 0; c < 3; c++) o.bg[c] = 0;
-  set_opacity(m, &t->g, true);
-  sv_status s = sv_render(&t->render, &t->g, v, &o);
-  if (s >= 0) sv_render_surface_depth(&t->render, ALPHA_MIN, m->depth);
-  set_opacity(m, &t->g, false);
-  o = sv_train_render_options(t, 1.0f, false);
-  if (s >= 0) s = sv_render(&t->render, &t->g, v, &o); // color, as trained
-  if (s >= 0) sv_mesh_fuse(mesh, &(sv_mesh_image){v, m->depth, &t->render.rgb}, &app->port.pool);
+  const sv_render_options o = sv_train_render_options(t, 1.0f, false);
+  const sv_status s = sv_render(&t->render, &t->g, v, &o);
+  if (s < 0) return s;
+  sv_render_surface(&t->render, &t->g, v, sv_surface_slab, m->depth);
+  sv_mesh_fuse(mesh, &(sv_mesh_image){v, m->depth, &t->render.rgb}, &app->port.pool);
   return s;
 }
 
@@ -155,11 +136,6 @@ sv_status mesh_out_save(mesh_out *m, sv_app *app, sv_err *err) {
   sv_trainer *t = &app->trainer;
   sv_mesh mesh;
   float voxel = t->radius / VOXELS;
-  for (int i = 0; i < t->g.n; i++) {
-    sv_gaussian v;
-    sv_gaussians_get(&t->g, i, &v);
-    m->logit[i] = v.opacity_logit;
-  }
   sv_status s = fuse(m, &mesh, app, voxel, err);
   for (int i = 1; s == SV_E_FULL && i < N_TRIES; i++) s = fuse(m, &mesh, app, voxel *= COARSER, err);
   if (s == SV_E_FULL)

@@ -2,7 +2,7 @@
 // C only: the runtime's counters are atomic.
 // run --mesh: a triangle mesh of the trained model, saved as mesh.ply beside it. Owns its share of
 // the run's memory block, taken before the block is sealed.
-// Never changes the model: opacities that are raised to render surfaces are put back.
+// Never changes the model.
 #ifndef SV_BOARDS_MESH_OUT_H
 #define SV_BOARDS_MESH_OUT_H
 
@@ -11,7 +11,6 @@
 typedef struct {
   uint8_t *field; // [field_bytes] of the mesh
   size_t field_bytes;
-  float *logit; // [n_gaussians] opacities as trained
   float *depth; // [pixels of the largest view]
   int n_vertices, n_triangles;
   double voxel;

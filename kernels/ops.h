@@ -27,6 +27,7 @@
 #include "kernels/rgb8/rgb8.h"
 #include "kernels/sort/sort.h"
 #include "kernels/ssim/ssim.h"
+#include "kernels/surface/surface.h"
 #include "kernels/sweep/sweep.h"
 #include "kernels/tv/tv.h"
 #include "kernels/unpack/unpack.h"

@@ -80,6 +80,7 @@ sv_status sv_renderer_init(sv_renderer *r, const sv_renderer_cfg *cfg, sv_comput
 
 // One block of scratch serves all stages of a thread.
 _Static_assert(SV_PROJECT_SCRATCH_FLOATS <= SV_RASTER_SCRATCH_FLOATS, "scratch is too small");
+_Static_assert(SV_SURFACE_SCRATCH_FLOATS <= SV_RASTER_SCRATCH_FLOATS, "scratch is too small");
 _Static_assert(SV_SORT_CAP_BUCKETS <= SV_RASTER_SCRATCH_FLOATS, "scratch is too small");
 static float *thread_scratch(const sv_renderer *r, int i_thread) {
   return r->scratch + (size_t)i_thread * SV_RASTER_SCRATCH_FLOATS;
@@ -94,8 +95,7 @@ typedef struct {
   int n_blocks, n_ranges;
   int dropout; // in steps of 1 / DROPOUT_STEPS
   uint32_t dropout_seed;
-  const sv_surface *surface; // NULL: splats have colors
-  uint32_t colour;           // backward on half of the tiles: theirs
+  uint32_t colour; // backward on half of the tiles: theirs
 } job;
 
 #define DROPOUT_BITS  8
@@ -123,7 +123,6 @@ static void project_task(void *arg, int i_task, int i_thread) {
     r->dropout_mask[b] = draw16(j->dropout, (uint32_t)b, j->dropout_seed);
   if (b0 < moved) n = j->k->project(&r->moved, b0, moved, thread_scratch(r, i_thread));
   if (moved < b1) rest = j->k->project(&r->project, b0 > moved ? b0 : moved, b1, thread_scratch(r, i_thread));
-  if (j->surface) sv_surface_planes(j->surface, 16 * b0, 16 * b1, r->splat);
   r->n_in_range[i_task] = n.n_visible + rest.n_visible;
   r->n_intersections_in_range[i_task] = n.n_intersections + rest.n_intersections;
 }
@@ -377,12 +376,10 @@ sv_status sv_render(sv_renderer *r, const sv_gaussians *g, const sv_view *view, 
   r->moved = r->project;
   r->moved.param = g->moved;
   r->n_moved_blocks = g->moved ? (g->n_moved + 15) / 16 : 0;
-  const sv_surface surface = {g, view, r->project.view.dilation_px2};
   job j = {.r = r,
            .k = r->compute.k,
            .n_blocks = (g->n + 15) / 16,
            .n_ranges = (g->n + RANGE - 1) / RANGE,
-           .surface = o->has_surface ? &surface : NULL,
            .dropout = dropout,
            .dropout_seed = o->dropout_seed};
   sv_pool_run(pool, project_task, &j, j.n_ranges);
@@ -481,13 +478,40 @@ void sv_render_expected_depth(const sv_renderer *r, float alpha_min, float *out)
     }
 }
 
-void sv_render_surface_depth(const sv_renderer *r, float alpha_min, float *out) {
-  const float mid_x = 0.5f * (float)r->rgb.width_px, mid_y = 0.5f * (float)r->rgb.height_px;
-  for (int y = 0; y < r->rgb.height_px; y++)
-    for (int x = 0; x < r->rgb.width_px; x++) {
-      const long o = (long)y * r->rgb.stride + x;
-      const float alpha = 1.0f - r->trans[o], dx = (float)x + 0.5f - mid_x, dy = (float)y + 0.5f - mid_y;
-      const float sum = r->rgb.c[0][o] + dx * r->rgb.c[1][o] + dy * r->rgb.c[2][o];
-      out[o] = alpha > alpha_min && sum > 0 ? sum / sv_maxf(alpha, 1e-10f) : 0.0f;
-    }
+const sv_depth_slab sv_surface_slab = {.from = 0.75f, .to = 0.6f, .near = 0.02f};
+
+typedef struct {
+  sv_renderer *r;
+  sv_surface surface;
+  sv_surface_args args;
+} surface_job;
+
+static void slopes_task(void *arg, int i_range, int i_thread) {
+  const surface_job *j = arg;
+  (void)i_thread;
+  sv_surface_slopes(&j->surface, i_range * RANGE, (i_range + 1) * RANGE, j->r->splat);
+}
+
+static void surface_task(void *arg, int i_task, int i_thread) {
+  const surface_job *j = arg;
+  const sv_renderer *r = j->r;
+  const uint32_t t = r->tile_order[i_task], begin = r->tile_begin[t];
+  r->compute.k->surface(&j->args, t, r->list + begin, r->tile_begin[t + 1] - begin,
+                        thread_scratch(r, i_thread));
+}
+
+void sv_render_surface(sv_renderer *r, const sv_gaussians *g, const sv_view *view, sv_depth_slab slab,
+                       float *out) {
+  surface_job j = {.r = r,
+                   .surface = {g, view, r->project.view.dilation_px2},
+                   .args = {.splat = r->splat,
+                            .intersection = r->intersection,
+                            .n_tiles_x = r->n_tiles_x,
+                            .stride = r->rgb.stride,
+                            .from = slab.from,
+                            .to = slab.to,
+                            .near = slab.near,
+                            .depth = out}};
+  sv_pool_run(r->compute.pool, slopes_task, &j, (g->n + RANGE - 1) / RANGE);
+  sv_pool_run(r->compute.pool, surface_task, &j, r->n_tiles);
 }

@@ -77,8 +77,6 @@ typedef struct {
   bool is_antialiased; // Mip-Splatting's 2D compensation
   float dilation_px2;  // low-pass of the pixel grid; 0: SV_DILATION_PX2
   bool has_depth;      // fill r->depth and r->trans
-  // With has_depth, of models that stand still: r->rgb becomes what sv_render_surface_depth needs.
-  bool has_surface;
   float bg[3];
   // Probability with which each Gaussian is dropped, in steps of 1/256; the opacities of the others
   // are divided by 1 - dropout (DropGaussian, Park et al. 2025).
@@ -122,9 +120,22 @@ uint64_t sv_render_count_pairs(const sv_renderer *r);
 // Expected depth of the last image: sum w z / max(alpha, 1e-10), 0 where alpha <= alpha_min. out:
 // plane with the image's stride.
 void sv_render_expected_depth(const sv_renderer *r, float alpha_min, float *out);
-// The same after a render with has_surface: each Gaussian has the depth that it has at the pixel,
-// not that of its center (src/splat/surface.h).
-void sv_render_surface_depth(const sv_renderer *r, float alpha_min, float *out);
+
+// What the depth of a surface is taken from (kernels/surface/surface.h): what lies between two
+// transmittances; then what is in front of the second, within this share of that depth (0: no such
+// second pass).
+typedef struct {
+  float from, to, near;
+} sv_depth_slab;
+// Of surfaces: 0.75 to 0.6, then 2 %. A quarter of the light may go to floaters, and no more than
+// the next 15 % decide: where there is little texture, much of what follows lies behind the surface
+// (docs/notes/quality.md).
+extern const sv_depth_slab sv_surface_slab;
+// Depth of the surface in the last image, which showed g, a model that stands still, in the same
+// view; 0: there is none. out: plane with the image's stride, padded as the image. No backward pass
+// may follow: the splats lose their colors.
+void sv_render_surface(sv_renderer *r, const sv_gaussians *g, const sv_view *view, sv_depth_slab slab,
+                       float *out);
 
 #ifdef __cplusplus
 }

@@ -6,12 +6,6 @@
 #include "src/base/mathx.h"
 #include "src/base/vec.h"
 
-#define SHARPNESS 8.0f
-
-float sv_surface_logit(float logit, float at) {
-  return SHARPNESS * (logit - (float)sv_log((double)at / (1 - (double)at)));
-}
-
 // Axes of a Gaussian in the camera's frame, each as long as its deviation: columns of axis.
 static void camera_axes(const sv_gaussian *g, const sv_view *v, float axis[9]) {
   const double q[4] = {(double)g->quat_wxyz[0], (double)g->quat_wxyz[1], (double)g->quat_wxyz[2],
@@ -29,7 +23,7 @@ static void camera_axes(const sv_gaussian *g, const sv_view *v, float axis[9]) {
 }
 
 // Slopes of depth over the image: Cov(depth, place) Cov(place)^-1.
-static void slopes(const sv_surface *s, const sv_gaussian *g, const float x_cam[3], float slope[2]) {
+static void slopes(const sv_surface *s, const sv_gaussian *g, const float x_cam[3], float *slope) {
   float axis[9], j[6], to_depth[3] = {0, 0, 1};
   float uu = s->dilation_px2, uv = 0, vv = s->dilation_px2, zu = 0, zv = 0;
   camera_axes(g, s->view, axis);
@@ -56,21 +50,16 @@ static void slopes(const sv_surface *s, const sv_gaussian *g, const float x_cam[
   slope[1] = det > 0 ? (zv * uu - zu * uv) / det : 0;
 }
 
-void sv_surface_planes(const sv_surface *s, int begin, int end, sv_splat *splat) {
+void sv_surface_slopes(const sv_surface *s, int begin, int end, sv_splat *splat) {
   const sv_view *v = s->view;
-  const float mid_x = 0.5f * (float)v->width_px, mid_y = 0.5f * (float)v->height_px;
   if (end > s->g->n) end = s->g->n;
   for (int i = begin; i < end; i++) {
-    sv_splat *o = splat + i;
     sv_gaussian g;
-    float x[3], slope[2];
-    if (!o->n_intersections) continue;
+    float x[3];
+    if (!splat[i].n_intersections) continue;
     sv_gaussians_get(s->g, i, &g);
     for (int k = 0; k < 3; k++)
       x[k] = v->r[3 * k] * g.mean[0] + v->r[3 * k + 1] * g.mean[1] + v->r[3 * k + 2] * g.mean[2] + v->t[k];
-    slopes(s, &g, x, slope);
-    o->rgb[0] = o->z - slope[0] * (o->u_px - mid_x) - slope[1] * (o->v_px - mid_y);
-    o->rgb[1] = slope[0];
-    o->rgb[2] = slope[1];
+    slopes(s, &g, x, splat[i].rgb);
   }
 }

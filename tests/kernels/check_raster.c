@@ -157,6 +157,69 @@ static void all_cases(ck *c, bool has_bwd) {
 static void check_raster(ck *c) { all_cases(c, false); }
 static void check_raster_bwd(ck *c) { all_cases(c, true); }
 
+// --- surface -------------------------------------------------------------------------------------
+
+static void compare_near(ck *c, const float *a, const float *b, size_t n) {
+  size_t n_far = 0;
+  for (size_t i = 0; i < n; i++)
+    n_far += !(fabs((double)a[i] - (double)b[i]) <= 1e-3 * (fabs((double)a[i]) + 1));
+  ck_true(c, n_far <= 2 + n / 200, "depth: %zu of %zu pixels are far off", n_far, n);
+}
+
+typedef struct {
+  raster_job r;
+  sv_surface_args args;
+} surface_job;
+
+static void run_surface(void *arg, const sv_kernels *k) {
+  surface_job *j = arg;
+  const uint32_t *begin = j->r.s.tile_begin;
+  for (int t = 0; t < j->r.s.n_tiles; t++)
+    k->surface(&j->args, (uint32_t)t, j->r.s.list + begin[t], begin[t + 1] - begin[t], j->r.scratch);
+}
+
+static void make_surface(ck *c, surface_job *j, const sc_cfg *cfg, int masks) {
+  make_scene(c, &j->r, cfg, masks);
+  j->r.scratch = ck_floats(c, SV_SURFACE_SCRATCH_FLOATS);
+  j->args = (sv_surface_args){.splat = j->r.s.project.splat,
+                              .intersection = j->r.s.intersection,
+                              .n_tiles_x = j->r.s.n_tiles_x,
+                              .stride = 32 * j->r.s.n_tiles_x,
+                              .depth = ck_floats(c, j->r.n_px)};
+}
+
+static void surface_case(ck *c, int kind, int n, int size, int masks) {
+  static const float slab[][3] = {{0.75f, 0.6f, 0.02f}, {1, 0.5f, 0}, {0.6f, 0.02f, 0.1f}};
+  const sc_cfg cfg = {n, 0, 0, 32 * tile_counts[size][0] - 5, 32 * tile_counts[size][1] - 3, kind, false};
+  for (int i = 0; i < 3; i++) {
+    ck_begin(c, "%s n %d %dx%d masks %s slab %d", sc_name(kind), n, cfg.width_px, cfg.height_px,
+             mask_names[masks], i);
+    surface_job a, b;
+    make_surface(c, &a, &cfg, masks);
+    a.args.from = slab[i][0];
+    a.args.to = slab[i][1];
+    a.args.near = slab[i][2];
+    b = a;
+    b.args.depth = ck_floats(c, a.r.n_px);
+    b.r.scratch = ck_floats(c, SV_SURFACE_SCRATCH_FLOATS);
+    run_surface(&a, &c->ref);
+    run_surface(&b, &c->var);
+    // Without FMA a pixel may just miss the slab's end.
+    if (c->is_exact) ck_same(c, "depth", a.args.depth, b.args.depth, a.r.n_px, 0);
+    else compare_near(c, a.args.depth, b.args.depth, a.r.n_px);
+  }
+}
+
+static void check_surface(ck *c) {
+  static const int counts[] = {1, 16, 200};
+  for (int kind = 0; kind < SC_N_KINDS; kind++)
+    for (int n = 0; n < 3; n++)
+      for (int size = 0; size < 4; size++)
+        for (int masks = 0; masks < N_MASKS; masks++)
+          if (c->is_exact || (kind != SC_HOSTILE && kind != SC_EDGE))
+            surface_case(c, kind, counts[n], size, masks);
+}
+
 // --- bench: splats as at the end of training (4 to 15 px) and at its start (20 to 60 px) ---------
 
 static double make_bench(ck *c, raster_job *j, int n, int kind) {
@@ -194,5 +257,17 @@ static void bench_raster_bwd(ck *c) {
   ck_time(c, "320x240 large splats; per pair", n, run_tiles_bwd, &j);
 }
 
+static void bench_surface(ck *c) {
+  static const sc_cfg cfg = {10000, 0, 0, 320, 240, SC_TYPICAL, false};
+  surface_job j;
+  ck_begin(c, "bench");
+  make_surface(c, &j, &cfg, BINNED);
+  j.args.from = 0.75f;
+  j.args.to = 0.6f;
+  j.args.near = 0.02f;
+  ck_time(c, "320x240 small splats; per intersection", j.r.s.n_listed, run_surface, &j);
+}
+
 CK_REGISTER(raster, check_raster, bench_raster)
 CK_REGISTER(raster_bwd, check_raster_bwd, bench_raster_bwd)
+CK_REGISTER(surface, check_surface, bench_surface)

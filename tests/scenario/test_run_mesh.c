@@ -155,7 +155,7 @@ TEST(the_mesh_lies_on_the_surface) {
                 "distance\n",
                 n, n_faces, 100 * (scale - 1), 100 * mean, 100 * share);
   assert_true(fabs(scale - 1) < 0.003);
-  assert_true(mean < 0.007 && share > 0.86);
+  assert_true(mean < 0.006 && share > 0.9);
 }
 
 TEST(what_cannot_be_is_refused) {

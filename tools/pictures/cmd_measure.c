@@ -8,14 +8,12 @@
 #include "src/base/str.h"
 #include "tools/pictures/surface.h"
 
-#define PIXEL_SIGMA 0.29 // of a place that is known to the pixel: 1 / sqrt(12)
-#define DEPTH_SIGMA 0.6  // of the difference between depths by the least and the most opacity
-#define DEPTH_FLOOR 4e-3 // of the depth, at least
+#define PIXEL_SIGMA 0.29   // of a place that is known to the pixel: 1 / sqrt(12)
+#define DEPTH_SIGMA 0.3    // of the difference between the depths of the two parts
+#define DEPTH_FLOOR 2.5e-3 // of the depth, at least
 #define NINETY      1.645
 
-// Opacity that makes a surface; and less and more, for how far depth depends on it.
-static const float at[] = {SV_SURFACE_OPACITY, SV_SURFACE_OPACITY / 2, 2 * SV_SURFACE_OPACITY};
-#define N_AT 3
+#define N_AT 3 // depths: of the surface, and of a part in front of it and one behind
 
 typedef struct {
   double px[2], depth[N_AT], spread; // spread: of depths around it
@@ -64,6 +62,8 @@ static bool look_at(const run *r, const sv_view *v, end_point *e, int i_at) {
 }
 
 static sv_status find_ends(run *r, const sv_view *v, sv_err *err) {
+  // How far the depth depends on which part of the light decides tells how well it is known.
+  const sv_depth_slab at[N_AT] = {sv_surface_slab, {0.85f, 0.75f, 0}, {0.6f, 0.5f, 0}};
   const char *names[2] = {r->o->measure_from, r->o->measure_to};
   for (int k = 0; k < 2; k++) {
     end_point *e = &r->end[k];
@@ -75,15 +75,15 @@ static sv_status find_ends(run *r, const sv_view *v, sv_err *err) {
     if (!sv_view_ray(v, (float)e->px[0], (float)e->px[1], e->ray))
       return sv_fail(err, SV_E_RANGE, "--%s %.40s: the lens sees nothing there", k ? "to" : "from", names[k]);
   }
-  for (int i = 0; i < N_AT; i++) {
-    sv_status s = lab_surface_render(&r->surface, v, at[i], err);
-    if (s != SV_OK) return s;
+  const sv_status s = lab_surface_render(&r->surface, v, err);
+  for (int i = 0; s == SV_OK && i < N_AT; i++) {
+    lab_surface_depth(&r->surface, v, at[i]);
     for (int k = 0; k < 2; k++)
       if (!look_at(r, v, &r->end[k], i))
         return sv_fail(err, SV_E_NOT_FOUND, "--%s %.40s: no surface is seen there", k ? "to" : "from",
                        names[k]);
   }
-  return SV_OK;
+  return s;
 }
 
 // Distance, and the half width that 90 % of the truths lie in.
@@ -101,9 +101,8 @@ static double distance_of(const run *r, const sv_view *v, double *half_width) {
       along += (double)p->ray[k] * d[k] / fmax(length, 1e-30);
       ray2 += (double)(p->ray[k] * p->ray[k]);
     }
-    const double of_opacity = DEPTH_SIGMA * fabs(p->depth[2] - p->depth[1]),
-                 least = DEPTH_FLOOR * p->depth[0],
-                 s2 = of_opacity * of_opacity + least * least + p->spread * p->spread / 9;
+    const double of_parts = DEPTH_SIGMA * fabs(p->depth[2] - p->depth[1]), least = DEPTH_FLOOR * p->depth[0],
+                 s2 = of_parts * of_parts + least * least + p->spread * p->spread / 9;
     const double pixel = PIXEL_SIGMA * p->depth[0] / (double)v->fx,
                  across2 = fmax(1 - along * along / ray2, 0);
     variance += along * along * s2 + across2 * pixel * pixel;

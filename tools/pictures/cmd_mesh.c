@@ -50,11 +50,9 @@ static sv_status fuse(run *r, sv_err *err) {
     char line[80];
     if (c->is_stop_requested(c->self))
       return sv_fail(err, SV_E_INTERRUPTED, "stopped by request at view %d of %d", i, r->surface.views.n);
-    sv_status s = lab_surface_render(u, v, SV_SURFACE_OPACITY, err);
+    const sv_status s = lab_surface_render(u, v, err);
     if (s != SV_OK) return s;
-    const sv_render_options o = lab_render_options(&u->settings, u->model.g.sh_degree, false);
-    s = sv_render(&u->viewer.r, &u->model.g, v, &o); // color, as trained
-    if (s < 0) return sv_fail(err, s, "view %d cannot be rendered: %s", i, sv_status_text(s));
+    lab_surface_depth(u, v, sv_surface_slab);
     sv_mesh_fuse(&r->mesh, &(sv_mesh_image){v, u->depth, &u->viewer.r.rgb}, &r->session.pool);
     sv_fmt(line, sizeof line, "fused %d of %d views, %d blocks", i + 1, r->surface.views.n, r->mesh.n_blocks);
     c->log(c->self, SV_LOG_LIVE, line);

@@ -16,16 +16,6 @@ static float layered(float logit) {
   return (float)log(fmax(1 - through, 1e-12) / fmax(through, 1e-12));
 }
 
-// at 0: of layers.
-static void make_opaque(sv_gaussians *to, const sv_gaussians *from, float at) {
-  for (int i = 0; i < from->n; i++) {
-    sv_gaussian v;
-    sv_gaussians_get(from, i, &v);
-    v.opacity_logit = at > 0 ? sv_surface_logit(v.opacity_logit, at) : layered(v.opacity_logit);
-    sv_gaussians_put(to, i, &v);
-  }
-}
-
 sv_status lab_surface_open(lab_surface *u, const lab_options *o, lab_session *se, const char *split,
                            sv_err *err) {
   sv_status s = lab_model_read(&u->model, o->model, err);
@@ -50,23 +40,29 @@ sv_status lab_surface_open(lab_surface *u, const lab_options *o, lab_session *se
                           err);
 }
 
-static sv_status render(lab_surface *u, const sv_view *v, float at, sv_err *err) {
-  sv_render_options o = lab_render_options(&u->settings, u->model.g.sh_degree, true);
-  o.has_surface = at > 0;
-  for (int c = 0; c < 3; c++) o.bg[c] = 0;
-  make_opaque(&u->opaque.g, &u->model.g, at);
-  sv_status s = sv_render(&u->viewer.r, &u->opaque.g, v, &o);
+static sv_status render(lab_surface *u, const sv_gaussians *g, const sv_view *v, bool has_depth,
+                        sv_err *err) {
+  const sv_render_options o = lab_render_options(&u->settings, u->model.g.sh_degree, has_depth);
+  const sv_status s = sv_render(&u->viewer.r, g, v, &o);
   return s < 0 ? sv_fail(err, s, "a view cannot be rendered: %s", sv_status_text(s)) : SV_OK;
 }
 
-sv_status lab_surface_render(lab_surface *u, const sv_view *v, float at, sv_err *err) {
-  sv_status s = render(u, v, at, err);
-  if (s == SV_OK) sv_render_surface_depth(&u->viewer.r, DEPTH_ALPHA_MIN, u->depth);
-  return s;
+sv_status lab_surface_render(lab_surface *u, const sv_view *v, sv_err *err) {
+  return render(u, &u->model.g, v, false, err);
+}
+
+void lab_surface_depth(lab_surface *u, const sv_view *v, sv_depth_slab slab) {
+  sv_render_surface(&u->viewer.r, &u->model.g, v, slab, u->depth);
 }
 
 sv_status lab_surface_render_faint(lab_surface *u, const sv_view *v, sv_err *err) {
-  sv_status s = render(u, v, 0, err);
+  for (int i = 0; i < u->model.g.n; i++) {
+    sv_gaussian g;
+    sv_gaussians_get(&u->model.g, i, &g);
+    g.opacity_logit = layered(g.opacity_logit);
+    sv_gaussians_put(&u->opaque.g, i, &g);
+  }
+  const sv_status s = render(u, &u->opaque.g, v, true, err);
   if (s == SV_OK) sv_render_expected_depth(&u->viewer.r, DEPTH_ALPHA_MIN, u->depth);
   return s;
 }
