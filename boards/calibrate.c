@@ -7,7 +7,6 @@
 #include <linux/memfd.h>
 #include <math.h>
 #include <signal.h>
-#include <spawn.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -23,8 +22,6 @@
 #define MEMORY_MIB "512" // of the calibration; its peak on the simulator is 120 MiB
 #define LOOK_NS    (50 * SV_NS_PER_MS)
 #define END_NS     (5 * SV_NS_PER_S) // for a process that was asked to end
-
-extern char **environ;
 
 static struct {
   char work[SV_LINUX_CAP_PATH], capture[SV_LINUX_CAP_PATH + 16], rig[SV_LINUX_CAP_PATH + 16];
@@ -78,24 +75,6 @@ static void show(const run_options *o, sv_feed *feed) {
 
 // --- processes -----------------------------------------------------------------------------------
 
-static pid_t start(char **argv) {
-  posix_spawnattr_t attr;
-  sigset_t none, usual;
-  pid_t pid = 0;
-  if (posix_spawnattr_init(&attr)) return 0;
-  sigemptyset(&none);
-  sigemptyset(&usual);
-  sigaddset(&usual, SIGINT);
-  sigaddset(&usual, SIGTERM);
-  posix_spawnattr_setsigmask(&attr, &none);
-  posix_spawnattr_setsigdefault(&attr, &usual);
-  // Ctrl-C is for this program, which ends the others
-  posix_spawnattr_setflags(&attr, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
-  if (posix_spawn(&pid, argv[0], NULL, &attr, argv, environ) != 0) pid = 0;
-  posix_spawnattr_destroy(&attr);
-  return pid;
-}
-
 // True when it is no longer there. code: of its exit, -1 after a signal.
 static bool has_ended(pid_t *pid, int *code) {
   int status;
@@ -137,7 +116,7 @@ static sv_status start_capture(const run_options *o, sv_err *err) {
     argv[n++] = "--sync";
     argv[n++] = (char *)(uintptr_t)o->sync;
   }
-  cal.capture_pid = start(argv);
+  cal.capture_pid = sv_linux_spawn(argv, false);
   return cal.capture_pid ? SV_OK : sv_fail(err, SV_E_DEVICE, "%s: cannot be started", cal.self);
 }
 
@@ -155,7 +134,7 @@ static sv_status start_live(const run_options *o, sv_err *err) {
     argv[n++] = "--rig";
     argv[n++] = (char *)(uintptr_t)o->rig;
   }
-  cal.live_pid = start(argv);
+  cal.live_pid = sv_linux_spawn(argv, false);
   return cal.live_pid ? SV_OK : sv_fail(err, SV_E_DEVICE, "%s: cannot be started", cal.program);
 }
 

@@ -2,7 +2,6 @@
 #include "platform/linux/exporter.h"
 
 #include <signal.h>
-#include <spawn.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/resource.h>
@@ -10,12 +9,11 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "platform/linux/linux.h"
 #include "src/base/str.h"
 
 #define MEMORY_BYTES ((rlim_t)512 << 20) // SOG of 200,000 Gaussians of degree 3 takes 156 MiB
 #define NICE         19
-
-extern char **environ;
 
 const char *sv_linux_export_format(int i) {
   static const char *const names[] = {"sog", "html", "glb"};
@@ -34,23 +32,11 @@ bool sv_linux_exporter_open(sv_linux_exporter *e) {
 
 static void start(sv_linux_exporter *e) {
   const struct rlimit memory = {MEMORY_BYTES, MEMORY_BYTES};
-  posix_spawnattr_t attr;
-  sigset_t none, usual;
-  pid_t pid;
-  if (posix_spawnattr_init(&attr)) return;
-  sigemptyset(&none);
-  sigemptyset(&usual);
-  sigaddset(&usual, SIGINT);
-  sigaddset(&usual, SIGTERM);
-  posix_spawnattr_setsigmask(&attr, &none);
-  posix_spawnattr_setsigdefault(&attr, &usual);
-  posix_spawnattr_setflags(&attr, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
-  if (posix_spawn(&pid, e->program, NULL, &attr, e->argv, environ) == 0) {
-    e->pid = pid;
-    (void)prlimit(pid, RLIMIT_DATA, &memory, NULL);
-    (void)setpriority(PRIO_PROCESS, (id_t)pid, NICE);
-  }
-  posix_spawnattr_destroy(&attr);
+  const pid_t pid = sv_linux_spawn(e->argv, false);
+  if (!pid) return;
+  e->pid = pid;
+  (void)prlimit(pid, RLIMIT_DATA, &memory, NULL);
+  (void)setpriority(PRIO_PROCESS, (id_t)pid, NICE);
 }
 
 static bool is_newer(const char *file, const char *than) {

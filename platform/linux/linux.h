@@ -20,6 +20,7 @@
 extern "C" {
 #else
 #include <stdatomic.h>
+#include <sys/types.h>
 #define SV_LINUX_ATOMIC(type) _Atomic(type)
 #endif
 
@@ -124,6 +125,11 @@ sv_status sv_linux_rescue_dir(char *path, size_t cap, sv_err *err) SV_MUST_USE;
 
 // Makes a folder and its missing parents.
 sv_status sv_linux_make_dir(const char *dir, sv_err *err) SV_MUST_USE;
+
+// Starts argv[0] with its words (the last one NULL); 0: could not. No signal is blocked or ignored
+// there. It gets a process group of its own, so that Ctrl-C is for this program, which ends the
+// others, or a session, which also has no terminal. vfork and exec by the library, without the heap.
+pid_t sv_linux_spawn(char *const *argv, bool has_session) SV_MUST_USE;
 
 // The system's reason for an errno, in a few words, for an error sentence. Never allocates.
 const char *sv_linux_reason(int errno_value);

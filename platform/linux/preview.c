@@ -7,7 +7,6 @@
 #include <linux/memfd.h>
 #include <poll.h>
 #include <signal.h>
-#include <spawn.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -28,8 +27,6 @@
 #define READY_NS   (3 * SV_NS_PER_S)
 #define LOOKED_NS  (2 * SV_NS_PER_S)    // after the last request for a camera's full view
 #define RESTART_NS (100 * SV_NS_PER_MS) // from one start to the next at least
-
-extern char **environ;
 
 static sv_ns now_ns(void) {
   sv_clock c = sv_linux_clock();
@@ -74,31 +71,15 @@ sv_status sv_linux_preview_open(sv_linux_preview *l, const sv_linux_preview_caps
 
 // --- the server ----------------------------------------------------------------------------------
 
-// vfork and exec by the library, without the heap: what the child is to find is put where it looks
-// beforehand.
+// What the child is to find is put where it looks beforehand. We end it when we are done.
 static void start_server(sv_linux_preview *l) {
-  posix_spawnattr_t attr;
-  sigset_t none, usual;
   l->started_ns = l->beat_ns = now_ns();
   l->next_start_ns = l->started_ns + RESTART_NS;
-  l->pid = 0;
-  if (posix_spawnattr_init(&attr)) return;
-  sigemptyset(&none);
-  sigemptyset(&usual);
-  sigaddset(&usual, SIGINT);
-  sigaddset(&usual, SIGTERM);
-  posix_spawnattr_setsigmask(&attr, &none);
-  posix_spawnattr_setsigdefault(&attr, &usual);
-  // A session of its own: Ctrl-C is for us, and our terminal is not its terminal. We end it when we
-  // are done.
-  posix_spawnattr_setflags(&attr, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSID);
-  pid_t pid;
   fcntl(l->feed_fd, F_SETFD, 0);
   fcntl(l->pipe_fd[1], F_SETFD, 0);
-  if (posix_spawn(&pid, l->program, NULL, &attr, l->argv, environ) == 0) l->pid = pid;
+  l->pid = sv_linux_spawn(l->argv, true);
   fcntl(l->feed_fd, F_SETFD, FD_CLOEXEC);
   fcntl(l->pipe_fd[1], F_SETFD, FD_CLOEXEC);
-  posix_spawnattr_destroy(&attr);
 }
 
 // The server is not to be trusted: what is no board is none.

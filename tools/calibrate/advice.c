@@ -24,6 +24,16 @@ void cal_advise(cal_advice *a, const char *fmt, ...) {
   va_end(ap);
 }
 
+void cal_report_warnings(lab_report *r, const cal_advice *a) {
+  lab_report_array(r, "warnings");
+  for (int i = 0; i < a->n; i++) {
+    lab_report_item_begin(r);
+    lab_report_text(r, "text", a->text[i]);
+    lab_report_item_end(r);
+  }
+  lab_report_array_end(r);
+}
+
 void cal_advise_spacing(cal_advice *a, double spacing_m) {
   if (spacing_m > LARGE_SQUARE_M) cal_advise(a, "--spacing is in meters: %.6g m between corners?", spacing_m);
 }

@@ -88,6 +88,7 @@ typedef struct {
   char text[CAL_CAP_ADVICE][300];
 } cal_advice;
 void cal_advise(cal_advice *a, const char *fmt, ...) SV_PRINTF(2, 3);
+void cal_report_warnings(lab_report *r, const cal_advice *a); // "warnings" of --json
 // Of squares that are hardly as large as said: millimeters, mostly.
 void cal_advise_spacing(cal_advice *a, double spacing_m);
 // Of a calibration: too few boards, parts of the image without any, too little tilt, uncertain

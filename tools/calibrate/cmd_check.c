@@ -93,13 +93,7 @@ static void report(lab_report *j, const sv_rig *rig, const cal_check *c, double 
     lab_report_item_end(j);
   }
   lab_report_array_end(j);
-  lab_report_array(j, "warnings");
-  for (int i = 0; i < a->n; i++) {
-    lab_report_item_begin(j);
-    lab_report_text(j, "text", a->text[i]);
-    lab_report_item_end(j);
-  }
-  lab_report_array_end(j);
+  cal_report_warnings(j, a);
   lab_report_end(j);
 }
 

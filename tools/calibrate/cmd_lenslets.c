@@ -395,13 +395,7 @@ static void report(lab_report *r, const job *j) {
     lab_report_item_end(r);
   }
   lab_report_array_end(r);
-  lab_report_array(r, "warnings");
-  for (int i = 0; i < j->advice.n; i++) {
-    lab_report_item_begin(r);
-    lab_report_text(r, "text", j->advice.text[i]);
-    lab_report_item_end(r);
-  }
-  lab_report_array_end(r);
+  cal_report_warnings(r, &j->advice);
   lab_report_end(r);
 }
 
