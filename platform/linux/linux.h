@@ -128,7 +128,8 @@ sv_status sv_linux_make_dir(const char *dir, sv_err *err) SV_MUST_USE;
 
 // Starts argv[0] with its words (the last one NULL); 0: could not. No signal is blocked or ignored
 // there. It gets a process group of its own, so that Ctrl-C is for this program, which ends the
-// others, or a session, which also has no terminal. vfork and exec by the library, without the heap.
+// others; or a session, which also has no terminal. The library does this by vfork and exec,
+// without the heap.
 pid_t sv_linux_spawn(char *const *argv, bool has_session) SV_MUST_USE;
 
 // The system's reason for an errno, in a few words, for an error sentence. Never allocates.
