@@ -131,7 +131,7 @@ static int compare(const char *how, double time, uint8_t *page) {
 }
 
 // Depth of the surface at places of the page's view, in which one measures, against that of the
-// runtime's renderer with the same opacity of four layers (tools/pictures/surface.c).
+// runtime's renderer.
 static void compare_depth(void) {
   static float depth[CAP_W * CAP_W];
   sv_view v = view_of_page();
@@ -142,16 +142,9 @@ static void compare_depth(void) {
   st.is_antialiased = model.is_mip;
   st.dilation_px2 = model.dilation_px2;
   st.near_z = 0.05f;
-  sv_render_options o = lab_render_options(&st, model.g.sh_degree, true);
-  for (int i = 0; i < model.g.n; i++) {
-    sv_gaussian g;
-    sv_gaussians_get(&model.g, i, &g);
-    const double through = pow(1 / (1 + exp((double)g.opacity_logit)), 4);
-    g.opacity_logit = (float)log(fmax(1 - through, 1e-12) / fmax(through, 1e-12));
-    sv_gaussians_put(&model.g, i, &g);
-  }
+  const sv_render_options o = lab_render_options(&st, model.g.sh_degree, false);
   assert_int_equal(sv_render(&viewer.r, &model.g, &v, &o), SV_OK);
-  sv_render_expected_depth(&viewer.r, 0.5f, depth);
+  sv_render_surface(&viewer.r, &model.g, &v, sv_surface_slab, depth);
   for (int y = 5; y < 10; y++)
     for (int x = 5; x < 10; x++) {
       const int px = x * v.width_px / 15, py = y * v.height_px / 15;

@@ -38,7 +38,8 @@ function cover(out, w, h, px, py, xx, xy, yy, rgba, o, opacity) {
 
 // Where Gaussian i of the model m (sorter.js) falls, in EWA projection (Zwicker et al. 2001) as 3D
 // Gaussian Splatting has it: fills flat; false when nothing of it is seen.
-const flat = { x: 0, y: 0, xx: 0, xy: 0, yy: 0, opacity: 0, depth: 0 };
+// dx, dy: slopes of its depth a pixel to the right and downwards (src/splat/surface.h).
+const flat = { x: 0, y: 0, xx: 0, xy: 0, yy: 0, opacity: 0, depth: 0, dx: 0, dy: 0 };
 function flatten(m, look, i) {
   const w = look.width, h = look.height, focal = look.focal, lx = (0.65 * w) / focal, ly = (0.65 * h) / focal;
   const r0 = look.right, r1 = look.down, r2 = look.forward, eye = look.eye, q = m.turn, s = m.scale;
@@ -47,7 +48,7 @@ function flatten(m, look, i) {
   if (cz < 0.05 || m.rgba[o + 3] < 1) return false;
   const tx = (r0[0] * x + r0[1] * y + r0[2] * z) / cz, ty = (r1[0] * x + r1[1] * y + r1[2] * z) / cz, f = focal / cz;
   const qx = tx > lx ? lx : tx < -lx ? -lx : tx, qy = ty > ly ? ly : ty < -ly ? -ly : ty;
-  let xx = 0, xy = 0, yy = 0;
+  let xx = 0, xy = 0, yy = 0, zx = 0, zy = 0;
   const qw = q[o], qi = q[o + 1], qj = q[o + 2], qk = q[o + 3];
   for (let a = 0; a < 3; a++) { // column a of the rotation is the Gaussian's axis a
     const vx = a === 0 ? 1 - 2 * (qj * qj + qk * qk) : a === 1 ? 2 * (qi * qj - qw * qk) : 2 * (qi * qk + qw * qj);
@@ -55,15 +56,16 @@ function flatten(m, look, i) {
     const vz = a === 0 ? 2 * (qi * qk - qw * qj) : a === 1 ? 2 * (qj * qk + qw * qi) : 1 - 2 * (qi * qi + qj * qj);
     const depth = r2[0] * vx + r2[1] * vy + r2[2] * vz, size = f * s[p + a];
     const ux = size * (r0[0] * vx + r0[1] * vy + r0[2] * vz - qx * depth), uy = size * (r1[0] * vx + r1[1] * vy + r1[2] * vz - qy * depth);
-    (xx += ux * ux), (xy += ux * uy), (yy += uy * uy);
+    (xx += ux * ux), (xy += ux * uy), (yy += uy * uy), (zx += s[p + a] * depth * ux), (zy += s[p + a] * depth * uy);
   }
   const before = Math.max(0, xx * yy - xy * xy);
   (xx += m.dilation), (yy += m.dilation);
   let opacity = m.rgba[o + 3] / 255;
-  if (m.is_mip) opacity *= Math.sqrt(before / (xx * yy - xy * xy));
+  const det = xx * yy - xy * xy;
+  if (m.is_mip) opacity *= Math.sqrt(before / det);
   if (opacity * 255 <= 1.0001) return false;
   (flat.x = focal * tx + 0.5 * w), (flat.y = focal * ty + 0.5 * h), (flat.xx = xx), (flat.xy = xy), (flat.yy = yy);
-  (flat.opacity = opacity), (flat.depth = cz);
+  (flat.opacity = opacity), (flat.depth = cz), (flat.dx = (zx * yy - zy * xy) / det), (flat.dy = (zy * xx - zx * xy) / det);
   return true;
 }
 
@@ -81,29 +83,39 @@ function raster(m, look) {
   return out;
 }
 
-// Depth of the surface at pixel (x, y), as subview-lab measure has it (tools/pictures/surface.h):
-// the expected depth with the opacity of several layers of each Gaussian, so that it does not lie
-// behind the surface. Of 4 layers at the pixel, of 2 and of 8, and the standard deviation of the
-// 3 x 3 pixels around it. null: no surface.
-function surface(m, look, x, y) {
-  const layers = [4, 2, 8], points = [];
-  for (let j = -1; j <= 1; j++) for (let i = -1; i <= 1; i++) points.push({ x: x + i, y: y + j, layers: 4 });
-  for (let k = 1; k < 3; k++) points.push({ x, y, layers: layers[k] });
-  for (const p of points) (p.left = 1), (p.sum = 0);
+// Sums of weights and of weighted depths of points in the image, between two transmittances and
+// within 2 % of a depth, where there is one (kernels/surface/surface.h).
+function add_depths(m, look, points) {
+  for (const p of points) (p.left = 1), (p.sum = p.weight = 0);
   for (let k = m.n - 1; k >= 0; k--) {
     if (!flatten(m, look, m.order[k])) continue;
-    const { xx, xy, yy, opacity, depth } = flat, det = xx * yy - xy * xy;
+    const { xx, xy, yy, opacity } = flat, det = xx * yy - xy * xy;
     for (const p of points) {
       const dx = p.x - flat.x, dy = p.y - flat.y, power = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / det;
-      if (power > 18) continue;
-      const alpha = Math.min(0.99, (1 - (1 - Math.min(opacity, 0.999)) ** p.layers) * Math.exp(-0.5 * power));
+      if (power > 18 || p.left <= p.to) continue;
+      const alpha = Math.min(0.99, opacity * Math.exp(-0.5 * power));
       if (alpha < 1 / 255) continue;
-      (p.sum += p.left * alpha * depth), (p.left *= 1 - alpha);
+      const depth = flat.depth + flat.dx * dx + flat.dy * dy, next = p.left * (1 - alpha);
+      const weight = Math.max(0, Math.min(p.left, p.from) - Math.max(next, p.to));
+      p.left = next;
+      if (p.depth && Math.abs(depth - p.depth) >= 0.02 * p.depth) continue;
+      (p.weight += weight), (p.sum += weight * depth);
     }
   }
-  const depth = (p) => (p.left < 0.5 ? p.sum / (1 - p.left) : 0), at = depth(points[4]);
-  if (!at || !depth(points[9]) || !depth(points[10])) return null;
-  const around = points.slice(0, 9).map(depth).filter((d) => d > 0), mean = around.reduce((a, d) => a + d, 0) / around.length;
+}
+
+// Depth of the surface at pixel (x, y) as subview-lab measure has it (src/splat/render.h:
+// sv_render_surface), of a part in front of it and one behind, and the standard deviation of the
+// 3 x 3 pixels around it. null: no surface.
+function surface(m, look, x, y) {
+  const near = [], parts = [{ x, y, from: 0.85, to: 0.75 }, { x, y, from: 0.6, to: 0.5 }];
+  for (let j = -1; j <= 1; j++) for (let i = -1; i <= 1; i++) near.push({ x: x + i, y: y + j, from: 0.75, to: 0.6 });
+  add_depths(m, look, [...near, ...parts]);
+  for (const p of [...near, ...parts]) (p.depth = p.left <= p.to ? p.sum / p.weight : 0), (p.from = 1);
+  if (!near[4].depth || !parts[1].depth) return null;
+  add_depths(m, look, near);
+  const around = near.filter((p) => p.depth).map((p) => (p.weight > 0 ? p.sum / p.weight : p.depth));
+  const mean = around.reduce((a, d) => a + d, 0) / around.length, at = near[4].weight > 0 ? near[4].sum / near[4].weight : near[4].depth;
   const spread = Math.sqrt(around.reduce((a, d) => a + (d - mean) ** 2, 0) / around.length);
-  return { depth: at, few: depth(points[9]), many: depth(points[10]), spread };
+  return { depth: at, front: parts[0].depth, behind: parts[1].depth, spread };
 }

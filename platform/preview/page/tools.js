@@ -40,8 +40,8 @@ function distance(a, b) {
   let variance = 0;
   for (const p of [a, b]) {
     const along = p.ray.reduce((s, v, i) => s + (v * d[i]) / whole, 0), ray2 = p.ray.reduce((s, v) => s + v * v, 0);
-    const of_layers = 0.6 * Math.abs(p.many - p.few), least = 4e-3 * p.depth, pixel = (0.29 * p.depth) / p.focal;
-    const s2 = of_layers ** 2 + least ** 2 + p.spread ** 2 / 9;
+    const of_parts = 0.3 * Math.abs(p.behind - p.front), least = 2.5e-3 * p.depth, pixel = (0.29 * p.depth) / p.focal;
+    const s2 = of_parts ** 2 + least ** 2 + p.spread ** 2 / 9;
     variance += along ** 2 * s2 + Math.max(0, 1 - along ** 2 / ray2) * pixel ** 2;
   }
   return { length: whole, half: 1.645 * Math.hypot(Math.sqrt(variance), whole * view.scale_sigma) };
