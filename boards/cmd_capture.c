@@ -374,27 +374,24 @@ static sv_status open_conversion(bool is_16_bit, sv_arena *arena, sv_err *err) {
   return sv_convert_init(&cap.convert, &cc, arena, err);
 }
 
-static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err) {
-  const source_cfg sc = {.spec = o->source,
-                         .rig_path = o->rig,
-                         .n_exposures = (int)o->exposures,
-                         .is_triggered = o->i_sync == SV_SYNC_METHOD_TRIGGER};
-  sv_status s = source_open(&cap.src, &sc, arena, err);
-  if (s < 0) return s;
-  int n = cap.src.source.n_cameras;
-  sv_capture_queue_cfg qc = {.n_cameras = n,
-                             .caps = cap.src.caps,
-                             .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
-                             .queue_len = QUEUE_LEN,
-                             .cap_ready = cap.src.is_virtual ? CAP_VIRTUAL : CAP_READY,
-                             .method = (sv_sync_method)o->i_sync};
+static sv_status open_queue(const capture_options *o, sv_arena *arena, sv_err *err) {
+  const int n = cap.src.source.n_cameras;
+  const sv_capture_queue_cfg qc = {.n_cameras = n,
+                                   .caps = cap.src.caps,
+                                   .skew_limit_ns = o->skew_ms * SV_NS_PER_MS,
+                                   .queue_len = QUEUE_LEN,
+                                   .cap_ready = cap.src.is_virtual ? CAP_VIRTUAL : CAP_READY,
+                                   .method = (sv_sync_method)o->i_sync};
   sv_arena_part_begin(arena, "sync");
-  s = sv_capture_queue_init(&cap.in, &qc, &cap.src.source, &cap.src.clock, arena);
+  sv_status s = sv_capture_queue_init(&cap.in, &qc, &cap.src.source, &cap.src.clock, arena);
   if (s < 0) return sv_fail(err, s, "frame synchronization of %d cameras failed: %s", n, sv_status_text(s));
-  if ((s = sv_capture_queue_check(&cap.in, err)) < 0) return s;
+  return sv_capture_queue_check(&cap.in, err);
+}
+
+static void open_spacing(const capture_options *o) {
   double fps = 0;
   int n_brackets = 0;
-  for (int i = 0; i < n; i++) {
+  for (int i = 0; i < cap.src.source.n_cameras; i++) {
     fps = sv_maxd(fps, cap.src.caps[i].fps);
     n_brackets = sv_maxi(n_brackets, cap.src.caps[i].n_brackets);
   }
@@ -403,34 +400,50 @@ static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err
                                     .n_brackets = n_brackets,
                                     .early_ns = fps > 0 ? (sv_ns)(0.5e9 / fps) : 0},
                   NULL);
-  if (sv_capture_has_frames(o->out))
-    return sv_fail(err, SV_E_ARG, "%s: already holds a capture; choose another --out or remove it", o->out);
-  if ((s = open_conversion(is_deep(o), arena, err)) < 0) return s;
-  if ((s = guide_init(&cap.guide, &cap.src, o->arc_deg, &cap.kernels, arena, err)) < 0) return s;
+}
+
+// With the source's rig, if it has one.
+static sv_status open_writer(const capture_options *o, sv_arena *arena, sv_err *err) {
   double scene[6];
   for (int i = 0; i < 3; i++) {
     double h = (double)cap.src.bounds.radius / sqrt(3.0);
     scene[i] = (double)cap.src.bounds.centre[i] - h;
     scene[3 + i] = (double)cap.src.bounds.centre[i] + h;
   }
-  sv_capture_writer_cfg wc = {.dir = o->out,
-                              .name = "",
-                              .rig = cap.src.rig ? "rig" : NULL,
-                              .n_cameras = n,
-                              .caps = cap.caps,
-                              .scene_m = cap.src.has_bounds ? scene : NULL};
+  const sv_capture_writer_cfg wc = {.dir = o->out,
+                                    .name = "",
+                                    .rig = cap.src.rig ? "rig" : NULL,
+                                    .n_cameras = cap.src.source.n_cameras,
+                                    .caps = cap.caps,
+                                    .scene_m = cap.src.has_bounds ? scene : NULL};
   sv_arena_part_begin(arena, "writer");
-  if ((s = sv_capture_writer_open(&cap.writer, &wc, arena, err)) < 0) return s;
+  sv_status s = sv_capture_writer_open(&cap.writer, &wc, arena, err);
+  if (s < 0) return s;
   // The writer holds the folder's lock: nothing of another capture is written over.
   for (int i = 0; cap.src.rig && i < N_CLOSE; i++) {
     s = write_rig(o->out, arena, err);
     if (s != SV_E_IO) break;
     wait_ns(FIRST_WAIT << i);
   }
-  if (s >= 0) return s;
-  sv_err close_err;
-  if (sv_capture_writer_close(&cap.writer, &close_err) < 0) return s;
+  sv_err second; // the first one is told
+  if (s < 0 && sv_capture_writer_close(&cap.writer, &second) < 0) return s;
   return s;
+}
+
+static sv_status open_all(const capture_options *o, sv_arena *arena, sv_err *err) {
+  const source_cfg sc = {.spec = o->source,
+                         .rig_path = o->rig,
+                         .n_exposures = (int)o->exposures,
+                         .is_triggered = o->i_sync == SV_SYNC_METHOD_TRIGGER};
+  sv_status s = source_open(&cap.src, &sc, arena, err);
+  if (s >= 0) s = open_queue(o, arena, err);
+  if (s < 0) return s;
+  open_spacing(o);
+  if (sv_capture_has_frames(o->out))
+    return sv_fail(err, SV_E_ARG, "%s: already holds a capture; choose another --out or remove it", o->out);
+  s = open_conversion(is_deep(o), arena, err);
+  if (s >= 0) s = guide_init(&cap.guide, &cap.src, o->arc_deg, &cap.kernels, arena, err);
+  return s >= 0 ? open_writer(o, arena, err) : s;
 }
 
 // At the end there is no later try: several, over a few seconds.
