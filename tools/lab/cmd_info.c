@@ -134,8 +134,8 @@ static sv_status of_rig(run *r, sv_err *err) {
 static sv_status print(const run *r, sv_err *err) {
   if (!r->o->is_json) {
     if (r->views.n)
-      printf("%s: %d views of up to %dx%d, ", r->views.transforms, r->views.n, r->views.cap_width_px,
-             r->views.cap_height_px);
+      printf("%s: %d view%s of up to %dx%d, ", r->views.transforms, r->views.n, r->views.n == 1 ? "" : "s",
+             r->views.cap_width_px, r->views.cap_height_px);
     printf("%d exposure%s of up to %d sub-view%s\n", r->n_exposures, r->n_exposures == 1 ? "" : "s",
            r->n_cameras, r->n_cameras == 1 ? "" : "s");
     printf("angular baseline theta: %.3f degrees (%.3f to %.3f over the exposures), seen from %s\n",

@@ -516,8 +516,8 @@ static sv_status print(const run *r, sv_err *err) {
     lab_report_end(&j);
     return lab_report_print(&j, err);
   }
-  printf("trained %d Gaussians on %d views: %u steps in %.1f s (%.1f steps/s), loss %.4f%s\n",
-         r->plan.trainer.g.n, r->views.n, r->plan.trainer.step, r->driver.train_s,
+  printf("trained %d Gaussians on %d view%s: %u steps in %.1f s (%.1f steps/s), loss %.4f%s\n",
+         r->plan.trainer.g.n, r->views.n, r->views.n == 1 ? "" : "s", r->plan.trainer.step, r->driver.train_s,
          sv_driver_steps_per_s(&r->driver), r->driver.loss, r->is_stopped ? ", stopped early" : "");
   if (r->has_poses) printf("refined poses: %s/" LAB_POSES_NAME "\n", r->o->out);
   if (r->has_scores) {
@@ -543,9 +543,10 @@ static sv_status stages(run *r, sv_err *err) {
   if (s == SV_OK && r->o->is_eval) s = check_eval(r, err);
   if (s == SV_OK) s = lab_session_folder(&r->session, r->o->out, err);
   if (s != SV_OK) return s;
-  lab_say(&r->session, "%d views of up to %dx%d%s, %d Gaussians, %.1f MB, loaded in %.2f s", r->views.n,
-          r->views.cap_width_px, r->views.cap_height_px, r->views.is_undistorted ? " (undistorted)" : "",
-          r->plan.trainer.g.n, 1e-6 * (double)r->plan.bytes, r->load_s);
+  lab_say(&r->session, "%d view%s of up to %dx%d%s, %d Gaussians, %.1f MB, loaded in %.2f s", r->views.n,
+          r->views.n == 1 ? "" : "s", r->views.cap_width_px, r->views.cap_height_px,
+          r->views.is_undistorted ? " (undistorted)" : "", r->plan.trainer.g.n, 1e-6 * (double)r->plan.bytes,
+          r->load_s);
   r->plan.prior.is_covered = r->is_stereo;
   s = lab_prior_begin(&r->prior, &(lab_prior_input){&r->session, r->o, &r->views, &r->plan.prior},
                       &r->start.bounds, &r->plan.scratch, err);
