@@ -88,6 +88,15 @@ $(PROGS_digests): $(call obj,tests/digests/stage_digests.c) $(TEST_ARCHIVES)
 PROGS_lint  := $(CORE) $(PROGRAMS)
 PROGS_named := $(addprefix $(O)/tests/,$(TESTS))
 
+# What `make only` is asked for has to be there.
+ifneq ($(filter only,$(MAKECMDGOALS)),)
+KNOWN_GROUPS := $(GROUPS_PLAIN) kernels fuzz lint cross library package soak named
+$(foreach g,$(filter-out $(KNOWN_GROUPS),$(GROUPS)),$(error no group $(g) of tests; the groups are: $(filter-out named,$(KNOWN_GROUPS))))
+KNOWN_TESTS := $(foreach g,$(GROUPS_PLAIN) kernels fuzz conform soak,$(PROGS_$(g):$(O)/tests/%=%))
+$(foreach t,$(filter-out $(KNOWN_TESTS),$(TESTS)),$(if $(wildcard tests/$(t).c),,\
+  $(error no test $(t); those of a group are tests/GROUP/test_NAME.c, as TESTS=GROUP/test_NAME)))
+endif
+
 .PHONY: tests-build conform
 tests-build: $(foreach g,$(GROUPS_PLAIN) kernels fuzz conform digests soak,$(PROGS_$(g)))
 conform: $(PROGS_conform)
