@@ -81,16 +81,23 @@ static void want_block(sv_mesh *m, const int32_t x[3]) {
 
 // --- fusing --------------------------------------------------------------------------------------
 
-// 0: none, or at an edge.
-static float depth_at(const sv_mesh_image *im, int x, int y) {
+// Depth at the border and at edges becomes negative: the sign is a mark, which leaves the magnitude
+// to the neighbours.
+static void mark_edges(const sv_mesh_image *im) {
   const int w = im->view->width_px, h = im->view->height_px;
   const long stride = im->rgb->stride;
-  const float *p = im->depth + y * stride + x, d = *p;
-  if (!(d > 0) || x == 0 || y == 0 || x == w - 1 || y == h - 1) return 0;
-  const float near[4] = {p[-1], p[1], p[-stride], p[stride]};
-  for (int i = 0; i < 4; i++)
-    if (!(fabsf(near[i] - d) < EDGE * d)) return 0;
-  return d;
+  for (int y = 0; y < h; y++)
+    for (int x = 0; x < w; x++) {
+      float *p = im->depth + y * stride + x;
+      const float d = *p;
+      if (!(d > 0)) continue;
+      bool is_edge = x == 0 || y == 0 || x == w - 1 || y == h - 1;
+      for (int i = 0; i < 4 && !is_edge; i++) {
+        const float near = p[i == 0 ? -1 : i == 1 ? 1 : i == 2 ? -stride : stride];
+        is_edge = !(fabsf(fabsf(near) - d) < EDGE * d);
+      }
+      if (is_edge) *p = -d;
+    }
 }
 
 static void to_world(const sv_view *v, const float c[3], float out[3]) {
@@ -129,34 +136,58 @@ static void add_to(sv_voxel *o, float distance, const sv_planes *rgb, long at) {
   if (o->weight < MAX_WEIGHT) o->weight++;
 }
 
+// Whether a ball lies beside the picture or behind the camera as a whole. c: its center in the
+// camera's frame.
+static bool is_outside(const sv_view *v, const float c[3], float radius) {
+  const float focal[2] = {v->fx, v->fy}, centre[2] = {v->cx, v->cy},
+              size[2] = {(float)v->width_px, (float)v->height_px};
+  if (c[2] < -radius) return true;
+  for (int k = 0; k < 2; k++) {
+    const float low = centre[k], high = size[k] - centre[k], f = focal[k];
+    if (f * c[k] + low * c[2] < -radius * sqrtf(f * f + low * low)) return true;
+    if (high * c[2] - f * c[k] < -radius * sqrtf(f * f + high * high)) return true;
+  }
+  return false;
+}
+
+static void fuse_voxel(const fuse_job *j, sv_voxel *o, const float cam[3], float reach) {
+  const sv_view *v = j->im->view;
+  if (!(cam[2] > 0)) return;
+  const float x = v->fx * cam[0] / cam[2] + v->cx, y = v->fy * cam[1] / cam[2] + v->cy;
+  if (!(x >= 0 && y >= 0 && x < (float)v->width_px && y < (float)v->height_px)) return;
+  const long at = (long)(int)y * j->im->rgb->stride + (int)x;
+  const float d = j->im->depth[at], behind = cam[2] - d;
+  if (d > 0 && behind <= reach) add_to(o, sv_clampf(-behind / reach, -1, 1), j->im->rgb, at);
+}
+
 static void fuse_task(void *arg, int b, int i_thread) {
   const fuse_job *j = arg;
   const sv_mesh_cfg *c = &j->m->cfg;
   const sv_view *v = j->im->view;
-  const float reach = SV_MESH_TRUNCATION * c->voxel;
+  const float half = 0.5f * SV_MESH_SIDE;
+  float middle[3], cam[3];
   (void)i_thread;
+  for (int k = 0; k < 3; k++)
+    middle[k] = c->centre[k] + c->voxel * ((float)(SV_MESH_SIDE * j->m->block[b].x[k]) + half);
+  for (int k = 0; k < 3; k++)
+    cam[k] = v->r[3 * k] * middle[0] + v->r[3 * k + 1] * middle[1] + v->r[3 * k + 2] * middle[2] + v->t[k];
+  if (is_outside(v, cam, 1.74f * half * c->voxel)) return; // half of its diagonal
   for (int i = 0; i < SV_MESH_BLOCK_VOXELS; i++) {
-    const int at[3] = {i & 7, i >> 3 & 7, i >> 6};
-    float p[3], cam[3];
+    const float at[3] = {(float)(i & 7) + 0.5f - half, (float)(i >> 3 & 7) + 0.5f - half,
+                         (float)(i >> 6) + 0.5f - half};
+    float p[3];
     for (int k = 0; k < 3; k++)
-      p[k] = c->centre[k] + c->voxel * ((float)(SV_MESH_SIDE * j->m->block[b].x[k] + at[k]) + 0.5f);
-    for (int k = 0; k < 3; k++)
-      cam[k] = v->r[3 * k] * p[0] + v->r[3 * k + 1] * p[1] + v->r[3 * k + 2] * p[2] + v->t[k];
-    if (!(cam[2] > 0)) continue;
-    const float x = v->fx * cam[0] / cam[2] + v->cx, y = v->fy * cam[1] / cam[2] + v->cy;
-    if (!(x >= 0 && y >= 0 && x < (float)v->width_px && y < (float)v->height_px)) continue;
-    const float d = depth_at(j->im, (int)x, (int)y), behind = cam[2] - d;
-    if (!(d > 0) || behind > reach) continue;
-    add_to(&j->m->voxel[b][i], sv_clampf(-behind / reach, -1, 1), j->im->rgb,
-           (long)(int)y * j->im->rgb->stride + (int)x);
+      p[k] = cam[k] + c->voxel * (v->r[3 * k] * at[0] + v->r[3 * k + 1] * at[1] + v->r[3 * k + 2] * at[2]);
+    fuse_voxel(j, &j->m->voxel[b][i], p, SV_MESH_TRUNCATION * c->voxel);
   }
 }
 
 void sv_mesh_fuse(sv_mesh *m, const sv_mesh_image *im, const sv_pool *pool) {
   const sv_view *v = im->view;
+  mark_edges(im);
   for (int y = 1; y + 1 < v->height_px; y++)
     for (int x = 1; x + 1 < v->width_px; x++) {
-      const float d = depth_at(im, x, y);
+      const float d = im->depth[(long)y * im->rgb->stride + x];
       if (!(d > 0)) continue;
       // Enough pixels that no block between two of them is missed.
       const int step = (int)(v->fx * SV_MESH_SIDE * m->cfg.voxel / (PER_BLOCK * d));

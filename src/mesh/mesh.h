@@ -60,7 +60,7 @@ typedef struct {
 // One image: depth along the optical axis, 0 where there is none, in the plane layout of rgb.
 typedef struct {
   const sv_view *view;
-  const float *depth;   // [height][rgb->stride]
+  float *depth;         // [height][rgb->stride]; fusing makes it negative at depth edges
   const sv_planes *rgb; // 0..1
 } sv_mesh_image;
 
