@@ -66,7 +66,7 @@ bool sv_dynamic_has_bodies(const sv_dynamic_cfg *c) {
 void sv_dynamic_set_times(sv_dynamic_cfg *d, int expected_steps, int n_times) {
   d->n_pos = sv_clampi(n_times / 3, 1, 8);
   d->n_rot = sv_maxi(1, d->n_pos / 2);
-  d->n_colour = sv_maxi(1, d->n_pos / 4);
+  d->n_colour = sv_maxi(1, d->n_pos / 2);
   d->window_start = sv_maxf(0.4f, 3.0f / (float)sv_maxi(n_times, 1));
   d->field.n_times = sv_clampi(n_times, 4, CAP_FIELD_TIMES);
   if (d->kind == SV_DEFORM_FIELD && d->distil_at > 0) {

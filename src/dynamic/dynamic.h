@@ -47,7 +47,7 @@ typedef struct {
   float static_colour; // ... and its colour by less than this (display values; default 0.01).
 
   // Number of functions of time for position, rotation and colour. Defaults 6, 3 and 1;
-  // sv_dynamic_set_times sets them.
+  // sv_dynamic_set_times sets all three, of colour half as many as of position.
   int n_pos, n_rot, n_colour;
   float lr_pos;     // Learning rate of position coefficients, times that of the means. Default 30.
   float lr_rot;     // Learning rate of rotation coefficients. Default 2e-3.

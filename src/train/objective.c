@@ -57,13 +57,14 @@ static float opacity_weight(const sv_sampling *s, bool is_grid) {
   return is_grid ? 0.015f : s->is_far ? 0.05f : 0.03f;
 }
 
-// Of the smoothness of depth, for few exposures of a still scene. Cameras of a rig measure depth
-// where there is texture, and smoothness carries it on. One camera measures little, and the many
-// sub-views of a lens grid leave little open. A start in a sphere is the paper's, whose objective
-// has none.
+// Of the smoothness of depth, for few exposures and for moving scenes, whose cameras often stand
+// still. Cameras of a rig measure depth where there is texture, and smoothness carries it on. One
+// camera measures little, and the many sub-views of a lens grid leave little open. A start in a
+// sphere is the paper's, whose objective has none.
 static float smooth_weight(const sv_sampling *s, bool is_grid) {
-  const bool is_few = s->n_exposures <= SV_FEW_EXPOSURES && !s->is_moving;
-  return is_few && s->n_sub_views > 1 && !is_grid && !s->is_far ? 0.4f : 0.0f;
+  if (s->n_sub_views == 1 || is_grid || s->is_far) return 0.0f;
+  if (s->is_moving) return 0.1f;
+  return s->n_exposures <= SV_FEW_EXPOSURES ? 0.4f : 0.0f;
 }
 
 // Of the Gaussians, in each relocation: many exposures of a still scene tell which ones matter
