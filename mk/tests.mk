@@ -119,10 +119,11 @@ ITEMS_cross = $(call item,cross/generic-arm64,BUILD='$(BUILD)' SUITE='$(SUITE)' 
 # The installed library; one item, as the parts without a system are compared with the first.
 ITEMS_library = $(call item,library/installed,BUILD='$(BUILD)' tests/run/library.sh,900)
 # Short forms of the long runs.
-ITEMS_soak = $(call item,!soak/live,$(O)/tests/live-soak 600 1000 20 0.05) \
+ITEMS_soak = $(call item,soak/live,$(O)/tests/live-soak 600 1000 20 0.05) \
   $(call item,!soak/process,mkdir -p $(O)/soak && $(O)/tests/process-soak 0.01 $(O)/soak)
 ITEMS_package = $(call item,package/built,BUILD='$(BUILD)' O='$(O)' tests/run/packages.sh,600)
-ITEMS_budget = $(foreach p,$(PROGS_budget),$(call item,!$(p:$(O)/tests/%=%),$(EMULATE) $(p)))
+# Counted instructions are the same beside other tests.
+ITEMS_budget = $(foreach p,$(PROGS_budget),$(call item,$(if $(filter %_counts,$(p)),,!)$(p:$(O)/tests/%=%),$(EMULATE) $(p)))
 items = $(or $(ITEMS_$(1)),$(foreach p,$(PROGS_$(1)),$(call item,$(p:$(O)/tests/%=%),$(EMULATE) $(p))))
 
 # run_rule TARGET,GROUPS. Tests of these groups start the programs.
