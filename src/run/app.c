@@ -8,11 +8,9 @@
 #include "src/base/mathx.h"
 #include "src/deform/deform_sequence.h"
 #include "src/train/checkpoint.h"
-#include "src/train/seed.h"
 
 #define MAX_LAST_TURN_S 1
 #define QUEUE_LEN       4
-#define NEIGHBOURS_NS   (70 * SV_NS_PER_US)
 #define CAP_READY       2    // exposures that may wait for a training step to end
 #define RELEASE_AT      0.8f // progress
 #define MEASURED_VIEWS  13   // while training: not a multiple of the usual numbers of sub-views
@@ -105,8 +103,9 @@ static sv_capture_queue_cfg queue_cfg(const sv_app_cfg *c, sv_app *app) {
                                 .on_frame_self = app};
 }
 
-static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, sv_compute compute,
-                       sv_arena *a, sv_err *err) {
+// The way from the cameras to the pool, and odometry.
+static sv_status carve_capture(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, const sv_kernels *k,
+                               sv_arena *a, sv_err *err) {
   sv_arena_part_begin(a, "sync");
   sv_capture_queue_cfg qc = queue_cfg(c, app);
   if (a->base) {
@@ -118,50 +117,67 @@ static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, 
     SV_TAKE(a, uint8_t, sv_capture_queue_bytes(&qc));
   }
   sv_arena_part_begin(a, "exposures");
-  sv_exposures_cfg ec = {.rig = c->rig,
-                         .cap_exposures = c->n_exposures,
-                         .caps = c->caps,
-                         .n_cameras = c->n_cameras,
-                         .n_threads = t->n_threads,
-                         .decoder = &app->port.decoder,
-                         .is_blur_dropped = is_handheld(c) && !c->is_blur_kept,
-                         .spacing = c->spacing,
-                         .hold_out = c->hold_out,
-                         .is_deep = c->is_deep};
+  const sv_exposures_cfg ec = {.rig = c->rig,
+                               .cap_exposures = c->n_exposures,
+                               .caps = c->caps,
+                               .n_cameras = c->n_cameras,
+                               .n_threads = t->n_threads,
+                               .decoder = &app->port.decoder,
+                               .is_blur_dropped = is_handheld(c) && !c->is_blur_kept,
+                               .spacing = c->spacing,
+                               .hold_out = c->hold_out,
+                               .is_deep = c->is_deep};
   sv_status s = sv_exposures_init(&app->exposures, &ec, a, err);
-  if (s < 0) return s;
   const sv_odometry_cfg oc = {.rig = c->rig,
                               .cap_exposures = c->n_exposures,
                               .pool = a->base ? &app->exposures : NULL,
-                              .k = compute.k,
+                              .k = k,
                               .seed = c->train.seed,
                               .imu = c->imu,
                               .is_rolling = t->is_rolling,
                               .heartbeats = app->port.heartbeats};
-  if (is_handheld(c)) s = sv_odometry_init(&app->odometry, &oc, a, err);
-  if (s < 0) return s;
-  s = sv_trainer_init(&app->trainer, t, compute, a, err);
+  if (s >= 0 && is_handheld(c)) s = sv_odometry_init(&app->odometry, &oc, a, err);
+  return s;
+}
+
+static sv_status carve_training(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, sv_compute compute,
+                                sv_arena *a, sv_err *err) {
+  const sv_dynamic_cfg dynamic = sv_app_dynamic_cfg(c);
+  const sv_prior_cfg prior = sv_app_prior_cfg(c, t->cap_views);
+  const sv_history_cfg history = sv_app_history_cfg(c);
+  sv_status s = sv_trainer_init(&app->trainer, t, compute, a, err);
   if (s < 0) return s;
   app->trainer.light = app->exposures.light;
   app->trainer.n_light = c->is_deep ? 1 + c->n_cameras : 0;
-  const sv_dynamic_cfg dynamic = sv_app_dynamic_cfg(c);
-  const sv_prior_cfg prior = sv_app_prior_cfg(c, t->cap_views);
-  if ((s = sv_dynamic_init(&app->dynamic, &dynamic, &app->trainer, a, err)) < 0) return s;
-  if ((s = sv_prior_init(&app->prior, &prior, &app->trainer, a, err)) < 0) return s;
-  const sv_history_cfg history = sv_app_history_cfg(c);
+  s = sv_dynamic_init(&app->dynamic, &dynamic, &app->trainer, a, err);
+  if (s >= 0) s = sv_prior_init(&app->prior, &prior, &app->trainer, a, err);
+  if (s < 0) return s;
   if (history.n > 0) sv_arena_part_begin(a, "history");
   sv_history_carve(&app->moving.history, &history, a);
   sv_arena_part_begin(a, "start-up scratch");
   app->points = SV_TAKE(a, sv_point, t->n_gaussians);
   app->scratch = sv_arena_sub(a, scratch_bytes(c, t));
+  return SV_OK;
+}
+
+// What leaves the run: files, preview.jpg, the page.
+static void carve_output(sv_app *app, const sv_app_cfg *c, sv_arena *a) {
+  int w, h;
   sv_arena_part_begin(a, "checkpoint and report");
   app->files.report = SV_TAKE(a, char, SV_APP_REPORT_BYTES);
   app->files.checkpoint_bytes = c->is_resume ? sv_checkpoint_bytes(&app->trainer) : 0;
   app->files.checkpoint = SV_TAKE(a, uint8_t, app->files.checkpoint_bytes);
-  int w, h;
   sv_pictures_size(c->rig, c->caps, c->n_cameras, &w, &h);
   app->picture = SV_TAKE(a, uint8_t, (size_t)w * (size_t)h * 3);
   sv_preview_carve(&app->preview, &(sv_preview_parts){c->has_preview, c->has_screen, c->n_cameras}, a);
+}
+
+static sv_status carve(sv_app *app, const sv_app_cfg *c, const sv_train_cfg *t, sv_compute compute,
+                       sv_arena *a, sv_err *err) {
+  sv_status s = carve_capture(app, c, t, compute.k, a, err);
+  if (s >= 0) s = carve_training(app, c, t, compute, a, err);
+  if (s < 0) return s;
+  carve_output(app, c, a);
   return a->status < 0 ? sv_fail(err, a->status, "the memory block is too small") : SV_OK;
 }
 
@@ -375,92 +391,6 @@ sv_status sv_app_init(sv_app *app, const sv_app_cfg *cfg, const sv_kernels *k, c
   return s;
 }
 
-// --- training ------------------------------------------------------------------------------------
-
-// Where the first Gaussians are, without a look at the surface: on odometry's points, in the known
-// bounds, or on rays through the images.
-static void choose_blind(sv_app *app, sv_driver_start *start) {
-  sv_trainer *t = &app->trainer;
-  const sv_bounds *b = &start->bounds;
-  bool is_tracked = app->odometry.is_tracked;
-  start->init = (sv_init_cfg){.kind = app->cfg.has_bounds && !is_tracked ? SV_INIT_SPHERE : SV_INIT_POINTS,
-                              .centre = {b->centre[0], b->centre[1], b->centre[2]},
-                              .radius = b->radius,
-                              .opacity = 0.1f,
-                              .scale_factor = 1.0f,
-                              .seed = t->cfg.seed};
-  start->is_scene_set = true;
-  start->n_points = start->init.kind == SV_INIT_POINTS ? t->g.n : 0;
-  if (is_tracked) start->n_points = sv_odometry_cloud(&app->odometry, app->points, t->g.n);
-  else if (start->n_points) sv_seed_points(t, b, t->cfg.seed, app->points, t->g.n);
-}
-
-// is_measured: on the surface, where views overlap.
-static sv_status first_model(sv_app *app, const sv_bounds *b, bool is_measured, sv_err *err) {
-  sv_trainer *t = &app->trainer;
-  sv_driver_start start = {
-      .bounds = *b, .points = app->points, .cap_points = t->g.n, .scratch = &app->scratch};
-  start.beat = beat;
-  start.self = app;
-  sv_status s = is_measured ? sv_driver_measure(t, &start, err) : SV_AGAIN;
-  if (s == SV_OK)
-    sv_app_log(app, SV_LOG_INFO, "first model: %d points from the depth maps of %d views", start.n_points,
-               start.n_maps);
-  app->prior.is_covered = s == SV_OK;
-  if (s == SV_AGAIN) choose_blind(app, &start);
-  // Their nearest neighbours: 7 us a Gaussian on x86-64, ten times as long on a slow board.
-  sv_beat_for(app->port.heartbeats, SV_BEAT_MAIN, NEIGHBOURS_NS * t->g.n);
-  // Points of a surface; without depth maps and odometry there are none.
-  sv_guidance_set_scene(&app->capture.guidance, b, app->points,
-                        s == SV_OK || app->odometry.is_tracked ? start.n_points : 0);
-  return s < 0 ? s : sv_driver_place(t, &start, err);
-}
-
-static sv_bounds bounds_of_views(sv_app *app) {
-  const size_t mark = sv_arena_mark(&app->scratch);
-  const int n = sv_driver_n_views(&app->trainer);
-  sv_view *views = SV_TAKE(&app->scratch, sv_view, n);
-  for (int i = 0; i < n; i++) views[i] = *sv_driver_view(&app->trainer, i);
-  const sv_bounds b = sv_bounds_of_views(views, n);
-  sv_arena_reset(&app->scratch, mark);
-  return b;
-}
-
-static sv_status first_or_resumed(sv_app *app, sv_err *err) {
-  const bool is_tracked = app->odometry.is_tracked;
-  sv_app_log_views(app);
-  sv_exposures_note_light(&app->exposures);
-  sv_app_begin_moving(app);
-  for (int e = 0; e < app->exposures.n; e++) {
-    if (is_tracked && !app->exposures.exposure[e].has_pose) continue; // nobody knows where it was
-    const sv_status added = sv_app_add_views(app, e, err);
-    if (added < 0) return added;
-  }
-  bool has_bounds = app->cfg.has_bounds && !is_tracked; // bounds are of a world that was not found
-  sv_bounds b = has_bounds ? app->cfg.bounds : bounds_of_views(app);
-  if (is_tracked) b = sv_odometry_bounds(&app->odometry);
-  if (!app->cfg.is_resume) return first_model(app, &b, true, err);
-  sv_status s = first_model(app, &b, false, err); // a checkpoint replaces it
-  if (s >= 0) s = sv_app_resume(app, err);
-  if (s >= 0 && s != SV_AGAIN) sv_app_take_light(app);
-  if (s != SV_AGAIN) return s;
-  sv_app_log(app, SV_LOG_INFO, "no checkpoint.bin in the output folder; starting at step 0");
-  return first_model(app, &b, true, err);
-}
-
-static void hold(sv_app *app, bool is_kept) {
-  sv_exposures_hold(&app->exposures, is_kept);
-  for (int i = 0; i < app->trainer.n_views; i++) sv_train_mask_changed(&app->trainer, i);
-}
-
-static sv_status start_training(sv_app *app, sv_err *err) {
-  // Depth maps need all pixels: a gap in the first model stays one where few exposures look.
-  if (app->cfg.is_held_released) hold(app, false);
-  sv_status s = first_or_resumed(app, err);
-  if (app->cfg.is_held_released) hold(app, true);
-  return s;
-}
-
 // --- between steps -------------------------------------------------------------------------------
 
 // All pixels are trained on in the last part of a run that has judged itself by some of them.
@@ -471,7 +401,7 @@ static sv_status release_held(sv_app *app, float progress) {
   sv_status s = sv_app_held_out_psnr(app, app->trainer.n_views, &db);
   if (s < 0) return s;
   app->released_psnr = db;
-  hold(app, false);
+  sv_app_hold(app, false);
   return SV_OK;
 }
 
@@ -543,13 +473,26 @@ static sv_status train(sv_app *app, sv_err *err) {
   return sv_driver_run(&app->driver, &cfg, &app->trainer, err);
 }
 
+// A request to stop says what it stopped. is_trained: some steps were made.
+static sv_status end_state(sv_app *app, sv_status s, bool is_trained, sv_err *err) {
+  const bool is_saved = s == SV_E_INTERRUPTED && is_trained;
+  if (is_saved) sv_fail(err, s, "stopped by request after %u steps; the model is saved", app->trainer.step);
+  else if (s == SV_E_INTERRUPTED && app->state == SV_APP_CAPTURING)
+    sv_fail(err, s, "stopped by request after %d of %d exposures, before training: nothing was saved",
+            app->exposures.n, app->cfg.n_exposures);
+  else if (s == SV_E_INTERRUPTED)
+    sv_fail(err, s, "stopped by request before the first step: nothing was saved");
+  app->state = s < 0 && !is_saved ? SV_APP_FAILED : SV_APP_DONE;
+  return s;
+}
+
 static sv_status run_all(sv_app *app, sv_err *err) {
   sv_status s = capture(app, err), saved, ended;
   sv_err end_err;
   if (s >= 0)
     // From here on cameras are served whatever takes how long
     s = sv_capture_side_begin(&app->capture, err);
-  if (s >= 0) s = start_training(app, err);
+  if (s >= 0) s = sv_app_start_training(app, err);
   if (s >= 0) {
     app->state = SV_APP_TRAINING;
     sv_preview_show_model(&app->preview); // the first rough model, at once
@@ -569,18 +512,7 @@ static sv_status run_all(sv_app *app, sv_err *err) {
     saved = sv_app_save_final(app, err);
     if (saved < 0) s = saved;
   }
-  if (s == SV_E_INTERRUPTED && app->state == SV_APP_CAPTURING)
-    sv_fail(err, s, "stopped by request after %d of %d exposures, before training: nothing was saved",
-            app->exposures.n, app->cfg.n_exposures);
-  else if (s == SV_E_INTERRUPTED && !is_trained)
-    sv_fail(err, s, "stopped by request before the first step: nothing was saved");
-  else if (s == SV_E_INTERRUPTED) {
-    sv_fail(err, s, "stopped by request after %u steps; the model is saved", app->trainer.step);
-    app->state = SV_APP_DONE;
-    return s;
-  }
-  app->state = s < 0 ? SV_APP_FAILED : SV_APP_DONE;
-  return s;
+  return end_state(app, s, is_trained, err);
 }
 
 sv_status sv_app_run(sv_app *app, sv_err *err) {

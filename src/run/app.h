@@ -88,6 +88,12 @@ void sv_app_beat(sv_app *app);
 // The processor's temperature now; keeps the highest.
 sv_heat sv_app_heat(sv_app *app);
 
+// --- first_model.c: from exposures to a model that can be trained ---
+// All exposures are in the pool: views, first Gaussians, or what a checkpoint holds.
+sv_status sv_app_start_training(sv_app *app, sv_err *err) SV_MUST_USE;
+// Held-out pixels (cfg.hold_out) are kept from training, or take part in it.
+void sv_app_hold(sv_app *app, bool is_kept);
+
 // --- views.c: from the pool to the trainer ---
 // Exposure e of the pool becomes views of the trainer, or measurements.
 sv_status sv_app_add_views(sv_app *app, int e, sv_err *err) SV_MUST_USE;
