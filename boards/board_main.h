@@ -25,8 +25,6 @@
 #define EXIT_USAGE   2
 #define EXIT_RESCUED 3 // a run: done, but saved in the second place
 #define VERSION      SUBVIEW_VERSION
-#define TEXT_OF_(x)  #x
-#define TEXT_OF(x)   TEXT_OF_(x) // a number of board.h, for a sentence
 
 // --- options -------------------------------------------------------------------------------------
 // Each command's struct of options begins with a member `common` of this type, and its table ends

@@ -62,7 +62,7 @@ static sv_status time_all(const bench_options *o, sv_err *err) {
 
 static const sv_option rows[] = {
     {"threads", SV_OPT_INT, 1, 0, AT(threads), "N",
-     "threads, timed beside a single one [" TEXT_OF(BOARD_THREADS) "]", 1, BOARD_CAP_THREADS, NULL},
+     "threads, timed beside a single one [" SV_TEXT_OF(BOARD_THREADS) "]", 1, BOARD_CAP_THREADS, NULL},
     {"seed", SV_OPT_INT, 1, 0, AT(seed), "N", "seed of the synthetic scene [1]", 0, 4294967295.0, NULL},
     {"json", SV_OPT_FLAG, 1, 0, AT(is_json), NULL, "print one JSON object", 0, 0, NULL},
     {"quiet", SV_OPT_FLAG, 1, 0, AT(is_quiet), NULL, "no progress on stderr", 0, 0, NULL},

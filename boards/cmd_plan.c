@@ -171,12 +171,12 @@ static int make_frames(const plan_options *o, int w, int h) {
 #define AT(field) offsetof(plan_options, field)
 
 static const sv_option rows[] = {
-    {"gaussians", SV_OPT_INT, 1, 0, AT(gaussians), "N", "number of Gaussians [" TEXT_OF(BOARD_GAUSSIANS) "]",
-     1, 4000000, NULL},
+    {"gaussians", SV_OPT_INT, 1, 0, AT(gaussians), "N",
+     "number of Gaussians [" SV_TEXT_OF(BOARD_GAUSSIANS) "]", 1, 4000000, NULL},
     {"sh", SV_OPT_INT, 1, 0, AT(sh), "D",
-     "degree of the color's spherical harmonics [" TEXT_OF(BOARD_SH_DEGREE) "]", 0, 3, NULL},
+     "degree of the color's spherical harmonics [" SV_TEXT_OF(BOARD_SH_DEGREE) "]", 0, 3, NULL},
     {"images", SV_OPT_INT, 1, 0, AT(images), "N",
-     "captured images that are trained on: exposures x sub-views [" TEXT_OF(BOARD_EXPOSURES) " x 2]", 1,
+     "captured images that are trained on: exposures x sub-views [" SV_TEXT_OF(BOARD_EXPOSURES) " x 2]", 1,
      100000, NULL},
     {"size", SV_OPT_TEXT, 1, 0, AT(size), "WxH", "their size in pixels [640x480]", 0, 0, NULL},
     {"frames", SV_OPT_TEXT, 1, 0, AT(frames), "WxH",
@@ -194,7 +194,7 @@ static const sv_option rows[] = {
     {"prior", SV_OPT_TEXT, 1, 0, AT(prior), "METHOD", "with a sparse-view prior: fsgs or sparsegs", 0, 0,
      NULL},
     {"threads", SV_OPT_INT, 1, 0, AT(threads), "N",
-     "threads; each has its own scratch [" TEXT_OF(BOARD_THREADS) "]", 1, BOARD_CAP_THREADS, NULL},
+     "threads; each has its own scratch [" SV_TEXT_OF(BOARD_THREADS) "]", 1, BOARD_CAP_THREADS, NULL},
     {"arena", SV_OPT_INT, 1, 0, AT(arena_mib), "MIB", "size of the memory block [the board's]", 1, 65536,
      NULL},
     {"mesh", SV_OPT_FLAG, 1, 0, AT(is_mesh), NULL, "with the memory of run --mesh", 0, 0, NULL},

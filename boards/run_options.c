@@ -21,7 +21,7 @@ static const sv_option rows[] = {
     {"rig", SV_OPT_TEXT, 1, 0, AT(rig), "DIR", "folder with rig.json, when the source has no rig of its own",
      0, 0, NULL},
     {"exposures", SV_OPT_INT, 1, 0, AT(exposures), "N",
-     "exposures to capture and train on [" TEXT_OF(BOARD_EXPOSURES) "]", 1, 10000, NULL},
+     "exposures to capture and train on [" SV_TEXT_OF(BOARD_EXPOSURES) "]", 1, 10000, NULL},
     {"every", SV_OPT_TEXT, 1, 0, AT(every), "SEC",
      "time between exposures; 0: take each one; motion: take one when the picture has moved, at the latest "
      "after 1 s [cameras: motion; recordings: spread over all of it; 0 with --live, moving scenes and the "
@@ -63,17 +63,20 @@ static const sv_option rows[] = {
      "end training when a second of it wins less than 1, 0.2 or 0.05 dB on held-out pixels (--hold-out 0.05 "
      "unless given), at the latest after 500, 2000 or 7000 steps (--steps) [off]",
      0, 0, NULL},
-    {"steps", SV_OPT_INT, 1, 0, AT(steps), "N", "training steps [2000, or until --time-limit]", 1, 10000000,
-     NULL},
+    {"steps", SV_OPT_INT, 1, 0, AT(steps), "N",
+     "training steps [" SV_TEXT_OF(SV_DEFAULT_RUN_STEPS) ", as somebody waits beside the cameras, or until "
+                                                         "--time-limit; subview-lab train: " SV_TEXT_OF(
+                                                             SV_DEFAULT_STEPS) "]",
+     1, 10000000, NULL},
     {"time-limit", SV_OPT_REAL, 1, 0, AT(time_limit), "SEC", "end training after SEC seconds [no limit]",
      0.001, 1e6, NULL},
     {"hold-out", SV_OPT_REAL, 1, 0, AT(hold_out), "SHARE",
      "share of the pixels, in blocks, that training does not see and the model is scored on [0]", 0, 0.5,
      NULL},
     {"gaussians", SV_OPT_INT, 1, 0, AT(gaussians), "N",
-     "number of Gaussians, fixed for the run [" TEXT_OF(BOARD_GAUSSIANS) "]", 1, 4000000, NULL},
+     "number of Gaussians, fixed for the run [" SV_TEXT_OF(BOARD_GAUSSIANS) "]", 1, 4000000, NULL},
     {"sh", SV_OPT_INT, 1, 0, AT(sh), "D",
-     "degree of the color's spherical harmonics [" TEXT_OF(
+     "degree of the color's spherical harmonics [" SV_TEXT_OF(
          BOARD_SH_DEGREE) "; 0 with --scene dynamic and "
                           "--live, whose history has degree 0]",
      0, 3, NULL},
@@ -83,16 +86,17 @@ static const sv_option rows[] = {
      "sparse-view prior for static scenes (docs/priors.md) [none]", 0, 0, NULL},
     {"appearance", SV_OPT_WORD, 1, 0, AT(appearance), "auto|off|cameras|exposures",
      "learn how colors differ between cameras (cameras) and also between exposures (exposures), not at all "
-     "(off), or where the source does not lock them (auto) [auto]",
+     "(off), or where the source does not lock them (auto) [auto; subview-lab train: off]",
      0, 0, NULL},
     {"refine-poses", SV_OPT_FLAG, 1, 0, AT(is_refining), NULL,
      "refine the rig's poses while training; writes poses.json", 0, 0, NULL},
     {"threads", SV_OPT_INT, 1, 0, AT(threads), "N",
-     "threads; the result does not depend on their number [" TEXT_OF(
+     "threads; the result does not depend on their number [" SV_TEXT_OF(
          BOARD_THREADS) "; fewer where "
-                        "--capture-cpu N leaves fewer CPUs]",
+                        "--capture-cpu N leaves fewer CPUs; subview-lab train: all CPUs]",
      1, BOARD_CAP_THREADS, NULL},
-    {"seed", SV_OPT_INT, 1, 0, AT(seed), "N", "seed of the random numbers [1]", 0, 1e15, NULL},
+    {"seed", SV_OPT_INT, 1, 0, AT(seed), "N", "seed of the random numbers [" SV_TEXT_OF(SV_DEFAULT_SEED) "]",
+     0, 1e15, NULL},
     HEADING("Scenes that move, and runs without an end"),
     {"scene", SV_OPT_WORD, 1, 0, AT(scene), "static|dynamic", "dynamic: the scene moves [static]", 0, 0,
      NULL},
@@ -187,7 +191,7 @@ static int check_quality(run_options *o) {
     const char *name;
     double least_db_per_s;
     long steps;
-  } presets[] = {{"draft", 1, 500}, {"normal", 0.2, 2000}, {"fine", 0.05, 7000}};
+  } presets[] = {{"draft", 1, 500}, {"normal", 0.2, SV_DEFAULT_RUN_STEPS}, {"fine", 0.05, 7000}};
   if (!o->quality) return 0;
   if (o->is_continuous) return usage_error("run", "--quality: not with --live, which has no end of its own");
   int i = 0;
@@ -229,7 +233,7 @@ static int check_training(run_options *o) {
     return usage_error("run", "--prior: not with --live, --scene dynamic or --resume");
   if (o->is_mesh && o->is_dynamic) return usage_error("run", "--mesh: not with --scene dynamic");
   const int r = check_quality(o);
-  if (!o->steps && !(o->time_limit > 0)) o->steps = 2000;
+  if (!o->steps && !(o->time_limit > 0)) o->steps = SV_DEFAULT_RUN_STEPS;
   return r;
 }
 
@@ -290,7 +294,7 @@ int run_options_parse(int argc, char **argv, run_options *o) {
                      .scale = 1,
                      .skew_ms = 20,
                      .capture_cpu = "auto",
-                     .seed = 1,
+                     .seed = SV_DEFAULT_SEED,
                      .save_every = 30,
                      .picture_every = 5,
                      .exposure_s = SV_EXPOSURE_S,

@@ -19,6 +19,9 @@ extern "C" {
 
 #define SV_OPTIONS_CAP_LIST 256
 
+#define SV_TEXT_OF_(x) #x
+#define SV_TEXT_OF(x)  SV_TEXT_OF_(x) // a number, for a sentence of --help
+
 // All words behind an option of kind LIST, up to the next option.
 typedef struct {
   const char *of[SV_OPTIONS_CAP_LIST];

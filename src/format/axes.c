@@ -51,12 +51,11 @@ const char *sv_up_name(const float up[3]) {
 
 #define CAP_BAND 7
 
-// The 2 l + 1 functions of degree l in a direction, as 3DGS has them (signs and norms of Kerbl et
-// al. 2023).
+// The 2 l + 1 functions of degree l in a direction.
 static void band(double *y, int l, const double d[3]) {
   const double x = d[0], v = d[1], z = d[2], xx = x * x, vv = v * v, zz = z * z;
   if (l == 1) {
-    const double b[3] = {-v, z, -x};
+    const double c = 0.4886025119029199, b[3] = {-c * v, c * z, -c * x};
     memcpy(y, b, sizeof b);
   } else if (l == 2) {
     const double c = 1.0925484305920792;
@@ -71,6 +70,10 @@ static void band(double *y, int l, const double d[3]) {
                          -c * x * (xx - 3 * vv)};
     memcpy(y, b, sizeof b);
   }
+}
+
+void sv_sh_basis(double y[15], const double d[3]) {
+  for (int l = 1, first = 0; l <= 3; first += 2 * l + 1, l++) band(y + first, l, d);
 }
 
 // Gauss-Jordan with pivoting until the left n columns of a[n][2 n] are the identity.

@@ -31,6 +31,10 @@ bool sv_up_axis(const char *name, double up[3]);
 // The axis nearest to a direction.
 const char *sv_up_name(const float up[3]);
 
+// The functions of degrees 1 to 3 in a direction of length 1, in the order, with the signs and
+// norms of 3DGS (Kerbl et al. 2023).
+void sv_sh_basis(double y[15], const double d[3]);
+
 // A rotation of a whole model: positions, rotations, SH.
 typedef struct {
   bool is_none;

@@ -11,13 +11,13 @@
 
 sv_train_cfg sv_train_defaults(void) {
   sv_train_cfg c = {
-      .n_gaussians = 20000,
-      .sh_degree = 1,
+      .n_gaussians = SV_DEFAULT_GAUSSIANS,
+      .sh_degree = SV_DEFAULT_SH_DEGREE,
       .cap_views = 64,
       .cap_width_px = 640,
       .cap_height_px = 480,
       .n_threads = 1,
-      .seed = 1,
+      .seed = SV_DEFAULT_SEED,
       .background = SV_BG_BLACK,
       .dilation_px2 = SV_DILATION_PX2,
       .weight_ssim = 0.2f,
@@ -58,7 +58,7 @@ sv_train_cfg sv_train_defaults(void) {
       .relocate_until = 0.8f,
       .relocate_share_until = 0.4f,
       .noise = 1.0f,
-      .expected_steps = 3000,
+      .expected_steps = SV_DEFAULT_STEPS,
       .appearance = sv_appearance_defaults()};
   return c;
 }

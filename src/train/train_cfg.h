@@ -11,6 +11,13 @@
 #include "src/train/appearance.h"
 #include "src/train/poses.h"
 
+// What training takes when nothing is said, also in the words of the programs' --help.
+#define SV_DEFAULT_GAUSSIANS 20000
+#define SV_DEFAULT_SH_DEGREE 1
+#define SV_DEFAULT_STEPS     3000 // of a dataset
+#define SV_DEFAULT_RUN_STEPS 2000 // of `subview run`: somebody waits beside the cameras
+#define SV_DEFAULT_SEED      1
+
 #ifdef __cplusplus
 extern "C" {
 #endif

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "src/base/str.h"
+#include "src/train/train_cfg.h"
 #include "tools/common/fileio.h"
 #include "tools/lab/model_formats.h"
 
@@ -101,7 +102,9 @@ static const sv_option table[] = {
     {"keep-supported", SV_OPT_FLAG, LAB_EXPORT, 0, AT(is_supported), 0,
      "remove floaters: Gaussians that too few training views of --data see on the surface (--min-views)", 0,
      0, 0},
-    {"data", SV_OPT_TEXT, LAB_EXPORT, 0, AT(data), "DIR", "--keep-supported: the dataset that was trained on",
+    {"data", SV_OPT_TEXT, LAB_EXPORT, 0, AT(data), "DIR",
+     "the dataset that was trained on: for --keep-supported; sog of still models: colors are best where its "
+     "views see them",
      0, 0, 0},
     {"up", SV_OPT_WORD, LAB_EVAL | LAB_RENDER, 0, AT(up), "x|y|z|-x|-y|-z",
      "spz and glb are Y-up: rotate the model to the dataset's up axis [the views' up]", 0, 0, 0},
@@ -195,9 +198,10 @@ static const sv_option table[] = {
     HEADING("Model and start"),
     {"model", SV_OPT_WORD, LAB_TRAIN, 0, AT(method), "3dgs|4dgs",
      "static Gaussians, or Gaussians that move with the time of the images [3dgs]", 0, 0, 0},
-    {"gaussians", SV_OPT_INT, LAB_TRAIN, 0, AT(gaussians), "N", "number of Gaussians, fixed [20000]", 1, 4e6,
-     0},
-    {"sh", SV_OPT_INT, LAB_TRAIN, 0, AT(sh), "D", "spherical harmonics degree, 0 to 3 [1]", 0, 3, 0},
+    {"gaussians", SV_OPT_INT, LAB_TRAIN, 0, AT(gaussians), "N",
+     "number of Gaussians, fixed [" SV_TEXT_OF(SV_DEFAULT_GAUSSIANS) "]", 1, 4e6, 0},
+    {"sh", SV_OPT_INT, LAB_TRAIN, 0, AT(sh), "D",
+     "degree of the color's spherical harmonics [" SV_TEXT_OF(SV_DEFAULT_SH_DEGREE) "]", 0, 3, 0},
     {"init", SV_OPT_TEXT, LAB_TRAIN, 0, AT(init), "stereo|sphere|cube|points:FILE",
      "initialization [the dataset's points, except with --exposures up to 3; else stereo: depth where views "
      "overlap; else random points in a sphere]",
@@ -208,8 +212,10 @@ static const sv_option table[] = {
      "per-Gaussian motion for half of the run",
      0, 0, 0},
     HEADING("Training"),
-    {"steps", SV_OPT_INT, LAB_TRAIN, 0, AT(steps), "N", "training steps [3000, with --motion field 9000]", 1,
-     1e9, 0},
+    {"steps", SV_OPT_INT, LAB_TRAIN, 0, AT(steps), "N",
+     "training steps [" SV_TEXT_OF(SV_DEFAULT_STEPS) ", with --motion field 9000; subview run: " SV_TEXT_OF(
+         SV_DEFAULT_RUN_STEPS) ", as somebody waits beside the cameras]",
+     1, 1e9, 0},
     {"time-limit", SV_OPT_REAL, LAB_TRAIN, 0, AT(time_limit_s), "SEC", "training time instead of --steps",
      0.01, 1e7, 0},
     {"optimizer", SV_OPT_WORD, LAB_TRAIN, 0, AT(optimizer), "adam|gauss-newton",
@@ -229,7 +235,8 @@ static const sv_option table[] = {
      0, 0, 0},
     {"appearance", SV_OPT_WORD, LAB_TRAIN, 0, AT(appearance), "off|cameras|exposures",
      "learn the color of cameras (each its own, and its falloff; \"sub_view\" of the frames) or of exposures "
-     "and cameras; the model and --eval have those of the first [off]",
+     "and cameras; the model and --eval have those of the first [off, as a dataset does not tell what its "
+     "cameras locked; subview run: auto]",
      0, 0, 0},
     {"refine-poses", SV_OPT_FLAG, LAB_TRAIN, 0, AT(is_refining), 0,
      "refine the poses, of an exposure's sub-views together: by bundle adjustment on matches before training "
@@ -251,9 +258,12 @@ static const sv_option table[] = {
      "weight of the returned images, where captured images have 1 [0.2]", 0, 100, 0},
     {"prior-limit", SV_OPT_REAL, LAB_TRAIN, 0, AT(prior_limit_s), "SEC", "time limit of one call [600]", 0.01,
      1e6, 0},
-    {"seed", SV_OPT_INT, LAB_TRAIN | LAB_BENCH | LAB_TABLES, 0, AT(seed), "N", "random seed [1]", 0,
-     4294967295.0, 0},
-    {"threads", SV_OPT_INT, DATA | LAB_BENCH, 0, AT(threads), "N", "threads [all CPUs]", 1, 64, 0},
+    {"seed", SV_OPT_INT, LAB_TRAIN | LAB_BENCH | LAB_TABLES, 0, AT(seed), "N",
+     "seed of the random numbers [" SV_TEXT_OF(SV_DEFAULT_SEED) "]", 0, 4294967295.0, 0},
+    {"threads", SV_OPT_INT, DATA | LAB_BENCH, 0, AT(threads), "N",
+     "threads; the result does not depend on their number [all CPUs; subview run: those that its board "
+     "gives]",
+     1, 64, 0},
     HEADING("Evaluation"),
     {"eval", SV_OPT_FLAG, LAB_TRAIN, 0, AT(is_eval), 0,
      "evaluate at the end on split test (test_near with --exposures 1)", 0, 0, 0},
@@ -357,8 +367,9 @@ static int check_export(const sv_tool_command *c, const lab_options *o) {
                      : o->crop ? "crop"
                                : "keep-supported",
                      o->format);
-  if (o->is_supported != (o->data != NULL))
-    return lab_usage(c->name, "--keep-supported and --data need each other");
+  if (o->is_supported && !o->data) return lab_usage(c->name, "--keep-supported needs --data");
+  if (o->data && !o->is_supported && !sv_str_eq(o->format, "sog"))
+    return lab_usage(c->name, "--data needs --keep-supported or --format sog");
   if (o->min_views > 0 && !o->is_supported) return lab_usage(c->name, "--min-views needs --keep-supported");
   if (o->viewer && !strcmp(o->viewer, "niantic") && !is_spz)
     return lab_usage(c->name, "--for niantic needs --format spz");

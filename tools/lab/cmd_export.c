@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "src/base/str.h"
+#include "src/base/vec.h"
 #include "src/format/axes.h"
 #include "tools/lab/export_html.h"
 #include "tools/lab/export_sog.h"
@@ -10,6 +12,7 @@
 #include "tools/lab/model_formats.h"
 #include "tools/lab/sequence.h"
 #include "tools/pictures/supported.h"
+#include "tools/train/support_mask.h"
 
 // The up axis that a file of this format has where it is opened; NULL: that of the model. SPZ and
 // GLB say theirs, and their writers turn the model.
@@ -20,10 +23,14 @@ static const char *up_of_viewer(const lab_options *o) {
   return is_playcanvas ? SV_UP_DEFAULT : NULL;
 }
 
-// Rotations of length 1, and all turned.
-static void turn(lab_model *m, const char *to) {
+// Rotations of length 1, and all turned, with the cameras of `seen`.
+static void turn(lab_model *m, const char *to, lab_seen *seen) {
   sv_turn t;
   sv_turn_between(&t, *m->up ? m->up : SV_UP_DEFAULT, to ? to : "");
+  for (int v = 0; !t.is_none && v < seen->n_views; v++) {
+    const double eye[3] = {seen->eye[v][0], seen->eye[v][1], seen->eye[v][2]};
+    sv_apply33(seen->eye[v], t.r, eye);
+  }
   for (int i = 0; i < m->g.n; i++) {
     sv_gaussian v;
     sv_gaussians_get(&m->g, i, &v);
@@ -33,6 +40,44 @@ static void turn(lab_model *m, const char *to) {
     sv_gaussians_put(&m->g, i, &v);
   }
   if (to) sv_copy(m->up, sizeof m->up, to);
+}
+
+// --- what training views see ---------------------------------------------------------------------
+
+typedef struct {
+  lab_seen seen; // no views: nothing was asked
+  double eye[SV_SUPPORT_VIEWS][3];
+  float *weight;
+} seen_by;
+
+static sv_status ask_views(seen_by *by, const lab_options *o, lab_model *m, lab_session *se, sv_err *err) {
+  lab_settings st;
+  sv_support support;
+  void *block = NULL;
+  if (m->deform.kind || m->sequence)
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: moves; --data is for still models", o->model);
+  if (lab_is_upright(o->model))
+    return sv_fail(err, SV_E_UNSUPPORTED, "%s: --data needs the PLY, which has the dataset's axes", o->model);
+  sv_status s = lab_settings_for(&st, o, m, err);
+  if (s != SV_OK) return s;
+  by->weight = malloc(SV_SUPPORT_VIEWS * (size_t)m->g.n * sizeof *by->weight);
+  if (!by->weight) return sv_fail(err, SV_E_NOMEM, "no memory for %d Gaussians", m->g.n);
+  const lab_source src = {.folder = o->data,
+                          .transforms = st.transforms,
+                          .told_by = st.told_by,
+                          .split = "train",
+                          .n_exposures = st.n_exposures,
+                          .scale = st.scale};
+  const lab_eval_job job = {
+      .session = se, .g = &m->g, .render = lab_render_options(&st, m->g.sh_degree, false)};
+  s = lab_support_measure(&support, &block, &job, &src, by->weight, err);
+  if (s == SV_OK) {
+    for (int v = 0; v < support.n_views; v++)
+      for (int k = 0; k < 3; k++) by->eye[v][k] = (double)support.eye[v][k];
+    by->seen = (lab_seen){support.n_views, by->weight, by->eye};
+  }
+  free(block);
+  return s;
 }
 
 // --- --crop --------------------------------------------------------------------------------------
@@ -77,13 +122,25 @@ static sv_status crop(lab_model *m, const char *text, sv_err *err) {
 
 #define N_FRAMES 25 // of delta and sequence, unless --frames says otherwise
 
+static sv_status write_sog(const lab_options *o, lab_model *m, lab_session *se, const char *path,
+                           sv_err *err) {
+  seen_by by = {0};
+  sv_status s = o->data ? ask_views(&by, o, m, se, err) : SV_OK;
+  turn(m, up_of_viewer(o), &by.seen);
+  const sv_model_notes notes = lab_model_notes(m);
+  if (s == SV_OK) s = lab_write_sog(&m->g, &notes, by.seen.n_views ? &by.seen : NULL, &se->pool, path, err);
+  free(by.weight);
+  return s;
+}
+
 // One still model, or one instant of a moving one.
 static sv_status write_still(const lab_options *o, lab_model *m, lab_session *se, const char *path,
                              sv_err *err) {
   sv_status s = o->is_supported ? lab_keep_supported(m, o, se, err) : SV_OK;
   if (s == SV_OK && o->crop) s = crop(m, o->crop, err);
   if (s != SV_OK) return s;
-  turn(m, up_of_viewer(o));
+  if (sv_str_eq(o->format, "sog")) return write_sog(o, m, se, path, err);
+  turn(m, up_of_viewer(o), &(lab_seen){0});
   const sv_model_notes notes = lab_model_notes(m);
   int version = o->spz_version > 0 ? (int)o->spz_version : 4;
   if (sv_str_eq(o->format, "splat")) return lab_write_splat(&m->g, path, err);
@@ -92,7 +149,6 @@ static sv_status write_still(const lab_options *o, lab_model *m, lab_session *se
     s = lab_settings_for(&st, o, m, err);
     return s == SV_OK ? lab_write_html(m, &st, path, err) : s;
   }
-  if (sv_str_eq(o->format, "sog")) return lab_write_sog(&m->g, &notes, &se->pool, path, err);
   if (sv_str_eq(o->format, "spz")) return lab_write_spz(&m->g, &notes, version, path, err);
   if (sv_str_eq(o->format, "glb")) return lab_write_glb(&m->g, &notes, path, err);
   if (sv_str_eq(o->format, "compressed-ply")) return lab_write_compressed_ply(&m->g, &notes, path, err);

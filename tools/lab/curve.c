@@ -35,7 +35,7 @@ void lab_curve_ranges(const sv_gaussian *v, int n, double lo[3], double hi[3]) {
   }
 }
 
-sv_gaussian *lab_curve_order(const sv_gaussians *g) {
+sv_gaussian *lab_curve_order(const sv_gaussians *g, int *index) {
   const size_t n = (size_t)g->n;
   double lo[3], hi[3];
   coded *c = malloc(n * sizeof *c);
@@ -54,6 +54,7 @@ sv_gaussian *lab_curve_order(const sv_gaussians *g) {
     }
     qsort(c, n, sizeof *c, by_code);
     for (int i = 0; i < g->n; i++) to[i] = from[c[i].i];
+    for (int i = 0; index && i < g->n; i++) index[i] = c[i].i;
   }
   free(c);
   free(from);

@@ -14,8 +14,9 @@ extern "C" {
 float lab_curve_log(float x);
 // Range of the logarithms of the positions, by axis.
 void lab_curve_ranges(const sv_gaussian *v, int n, double lo[3], double hi[3]);
-// All Gaussians of a model in that order, malloc'ed; NULL without memory.
-sv_gaussian *lab_curve_order(const sv_gaussians *g);
+// All Gaussians of a model in that order, malloc'ed; NULL without memory. index: [n] their indices
+// in the model, or NULL.
+sv_gaussian *lab_curve_order(const sv_gaussians *g, int *index);
 
 #ifdef __cplusplus
 }

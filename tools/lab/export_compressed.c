@@ -129,7 +129,7 @@ sv_status lab_write_compressed_ply(const sv_gaussians *g, const sv_model_notes *
   const size_t sh_bytes = 3 * (size_t)n_rest, n = (size_t)g->n;
   const size_t cap = CAP_HEADER + (size_t)n_chunks * CHUNK_BYTES + n * (VERTEX_BYTES + sh_bytes);
   uint8_t *file = malloc(cap);
-  sv_gaussian *v = lab_curve_order(g);
+  sv_gaussian *v = lab_curve_order(g, NULL);
   sv_status s = file && v ? SV_OK : sv_fail(err, SV_E_NOMEM, "%s: no memory for %d Gaussians", path, g->n);
   if (s == SV_OK) {
     uint8_t *chunk = file + put_header((char *)file, g, n_rest, notes);

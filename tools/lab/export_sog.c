@@ -8,6 +8,7 @@
 
 #include "src/base/str.h"
 #include "src/base/vec.h"
+#include "src/format/axes.h"
 #include "tools/lab/curve.h"
 #include "tools/lab/kmeans.h"
 #include "tools/lab/zip.h"
@@ -25,18 +26,29 @@
 #define MAX_FILES    8
 
 // Steps are even, so that WebP finds what neighbors and channels have in common.
-#define SCALE_STEP    0.125
-#define COLOR_STEP    0.0625
-#define QUAT_STEP     4          // of 255
-#define POSITION_STEP 0.35       // of the smallest standard deviation, at most
-#define SH_STEP       (1 / 64.0) // the finest; coarser ones are 2^(1/4) apart
+#define SCALE_STEP    0.0625
+#define COLOR_STEP    0.03125
+#define QUAT_STEP     2           // of 255
+#define POSITION_STEP 0.25        // of the smallest standard deviation, at most
+#define SH_STEP       (1 / 128.0) // the finest; coarser ones are 2^(1/4) apart
 #define N_SH_STEPS    17
 #define SH_ROUNDING   0.45 // a little towards 0, which costs the fewest bits
-#define PALETTE_BYTES 4.5  // of a Gaussian, at most
+// Of a Gaussian, at most. Without views the other images are smaller.
+#define PALETTE_BYTES(has_views) ((has_views) ? 4.0 : 4.5)
+
+#define MAX_LEVEL    3
+#define LEVEL_UNSEEN 1
+#define FINEST       0.75 // quantile of the weights from whose half on steps are the finest
+
+#define SH_C0 0.28209479177387814
 
 typedef struct {
   const sv_pool *pool;
-  sv_gaussian *v; // [n] along a space-filling curve
+  sv_gaussian *v;       // [n] by level, and then along a space-filling curve
+  int *index;           // [n] of these in the model
+  float *weight;        // [n] how much of the pictures they color, about
+  int *level;           // [n] their steps are 2^level times the finest
+  const lab_seen *seen; // or NULL
   int n, width, height;
   int n_rest;    // SH coefficients after the first: 0, 3, 8, 15
   uint8_t *rgba; // [height][width][4] of the image being made
@@ -97,7 +109,12 @@ typedef struct {
   double first, step;
 } coding;
 
-static uint8_t code_of(const coding *c, double x) { return byte_of((x - c->first) / c->step); }
+// The nearest code that is a multiple of 2^level.
+static uint8_t code_of(const coding *c, double x, int level) {
+  const double u = (x - c->first) / c->step;
+  const int last = N_CODES - (1 << level);
+  return (uint8_t)(fmin(fmax(floor(u / (1 << level) + 0.5), 0), last >> level)) << level;
+}
 
 static void add_codebook(sv_str *t, const coding *c) {
   float code[N_CODES];
@@ -107,11 +124,77 @@ static void add_codebook(sv_str *t, const coding *c) {
 
 // --- Gaussians -----------------------------------------------------------------------------------
 
+// Without views: opacity by area.
+static float visibility(const sog *s, int i) {
+  const sv_gaussian *g = &s->v[i];
+  float sum = 0;
+  for (int v = 0; s->seen && v < s->seen->n_views; v++)
+    sum += s->seen->weight[(size_t)v * (size_t)s->n + (size_t)s->index[i]];
+  if (s->seen) return sum + 1e-12f;
+  const float *l = g->log_scale, least = fminf(l[0], fminf(l[1], l[2]));
+  return expf(l[0] + l[1] + l[2] - least) / (1.0f + expf(-g->opacity_logit)) + 1e-12f;
+}
+
+static int by_size(const void *a, const void *b) {
+  const float x = *(const float *)a, y = *(const float *)b;
+  return (x > y) - (x < y);
+}
+
+// [n] levels, malloc'ed. The least total error for a number of bits has steps that are inverse to
+// the square roots of the weights. Weights without views are too rough for that.
+static int *levels_of(const sog *s, const float *weight, int n) {
+  float *sorted = malloc((size_t)n * sizeof *sorted);
+  int *level = calloc((size_t)n, sizeof *level);
+  if (sorted && level) {
+    memcpy(sorted, weight, (size_t)n * sizeof *sorted);
+    qsort(sorted, (size_t)n, sizeof *sorted, by_size);
+    const float at = sorted[(size_t)(FINEST * (n - 1))];
+    for (int i = 0; i < n; i++) {
+      if (!s->seen) level[i] = LEVEL_UNSEEN;
+      else
+        while (level[i] < MAX_LEVEL && weight[i] * (float)(2 << 2 * level[i]) < at) level[i]++;
+    }
+  }
+  free(sorted);
+  return level;
+}
+
+static sv_status weigh(sog *s, sv_err *err) {
+  s->weight = malloc((size_t)s->n * sizeof *s->weight);
+  for (int i = 0; s->weight && i < s->n; i++) s->weight[i] = visibility(s, i);
+  s->level = s->weight ? levels_of(s, s->weight, s->n) : NULL;
+  return s->level ? SV_OK : sv_fail(err, SV_E_NOMEM, "no memory for %d Gaussians", s->n);
+}
+
+// Gaussians of a level side by side, where WebP finds that they have few values.
+static sv_status group(sog *s, sv_err *err) {
+  const size_t n = (size_t)s->n;
+  sog old = *s;
+  s->v = malloc(n * sizeof *s->v);
+  s->index = malloc(n * sizeof *s->index);
+  s->weight = malloc(n * sizeof *s->weight);
+  s->level = malloc(n * sizeof *s->level);
+  const bool is_good = s->v && s->index && s->weight && s->level;
+  for (int l = 0, k = 0; is_good && l <= MAX_LEVEL; l++)
+    for (int i = 0; i < s->n; i++) {
+      if (old.level[i] != l) continue;
+      s->v[k] = old.v[i];
+      s->index[k] = old.index[i];
+      s->weight[k] = old.weight[i];
+      s->level[k++] = old.level[i];
+    }
+  free(old.v);
+  free(old.index);
+  free(old.weight);
+  free(old.level);
+  return is_good ? SV_OK : sv_fail(err, SV_E_NOMEM, "no memory for %d Gaussians", s->n);
+}
+
 // How many of the 16 bits of its position a Gaussian does not need. unit: of an axis's bit, in
 // sign(x) ln(1 + |x|).
-static int spare_bits(const sv_gaussian *g, const double unit[3]) {
+static int spare_bits(const sv_gaussian *g, int level, const double unit[3]) {
   const float *l = g->log_scale;
-  const double enough = POSITION_STEP * exp((double)fminf(l[0], fminf(l[1], l[2])));
+  const double enough = POSITION_STEP * (1 << level) * exp((double)fminf(l[0], fminf(l[1], l[2])));
   double step = 0;
   for (int k = 0; k < 3; k++) step = fmax(step, unit[k] * (1 + fabs((double)g->mean[k])));
   int bits = 0;
@@ -132,7 +215,7 @@ static sv_status add_means(sog *s, sv_str *t, sv_err *err) {
   for (int part = 0; part < 2 && r == SV_OK; part++) {
     clear(s, (size_t)s->width * (size_t)s->height);
     for (int i = 0; i < s->n; i++) {
-      const int bits = spare_bits(&s->v[i], unit);
+      const int bits = spare_bits(&s->v[i], s->level[i], unit);
       for (int k = 0; k < 3; k++) {
         const double x = (double)lab_curve_log(s->v[i].mean[k]), u = unit[k] > 0 ? (x - lo[k]) / unit[k] : 0;
         const unsigned rounded = (unsigned)(u / (1 << bits) + 0.5) << bits,
@@ -189,7 +272,8 @@ static sv_status add_quats(sog *s, sv_str *t, sv_err *err) {
   for (int i = 0; i < s->n; i++) {
     for (int k = 0; k < 3; k++) {
       const double u = (double)s->v[i].quat_wxyz[1 + k] * sqrt(0.5) * 255.0;
-      s->rgba[4 * i + k] = byte_of(128 + QUAT_STEP * floor(u / QUAT_STEP + 0.5));
+      const double step = QUAT_STEP * (1 << s->level[i]);
+      s->rgba[4 * i + k] = byte_of(128 + step * floor(u / step + 0.5));
     }
     s->rgba[4 * i + 3] = 252;
   }
@@ -204,7 +288,7 @@ static sv_status add_scales(sog *s, sv_str *t, sv_err *err) {
   const coding c = {(ceil(hi / SCALE_STEP) - (N_CODES - 1)) * SCALE_STEP, SCALE_STEP};
   clear(s, (size_t)s->width * (size_t)s->height);
   for (int i = 0; i < s->n; i++)
-    for (int k = 0; k < 3; k++) s->rgba[4 * i + k] = code_of(&c, (double)s->v[i].log_scale[k]);
+    for (int k = 0; k < 3; k++) s->rgba[4 * i + k] = code_of(&c, (double)s->v[i].log_scale[k], s->level[i]);
   sv_str_add(t, "\"scales\":{");
   add_codebook(t, &c);
   sv_str_add(t, ",\"files\":[\"scales.webp\"]},\n");
@@ -212,15 +296,19 @@ static sv_status add_scales(sog *s, sv_str *t, sv_err *err) {
 }
 
 static sv_status add_colors(sog *s, sv_str *t, sv_err *err) {
-  const coding c = {-N_CODES / 2 * COLOR_STEP, COLOR_STEP};
+  double most = 0, step = COLOR_STEP;
+  for (int i = 0; i < s->n; i++)
+    for (int k = 0; k < 3; k++) most = fmax(most, fabs((double)s->v[i].sh[0][k]));
+  while (step * (N_CODES / 2 - 1) < most) step *= 2;
+  const coding c = {-N_CODES / 2 * step, step};
   clear(s, (size_t)s->width * (size_t)s->height);
   for (int i = 0; i < s->n; i++) {
-    for (int k = 0; k < 3; k++) s->rgba[4 * i + k] = code_of(&c, (double)s->v[i].sh[0][k]);
+    for (int k = 0; k < 3; k++) s->rgba[4 * i + k] = code_of(&c, (double)s->v[i].sh[0][k], s->level[i]);
     s->rgba[4 * i + 3] = byte_of(255.0 / (1.0 + exp(-(double)s->v[i].opacity_logit)));
   }
   sv_str_add(t, "\"sh0\":{");
   add_codebook(t, &c);
-  sv_str_add(t, ",\"files\":[\"sh0.webp\"]}%s\n", s->n_rest ? "," : "");
+  sv_str_add(t, ",\"files\":[\"sh0.webp\"]}\n");
   return add_image(s, "sh0.webp", s->width, s->height, err);
 }
 
@@ -229,9 +317,18 @@ static sv_status add_colors(sog *s, sv_str *t, sv_err *err) {
 // The sets of SH coefficients that Gaussians share.
 typedef struct {
   float *set; // [n][3 n_rest]
+  int *level; // [n] as that of Gaussians, by the sum of their weights
   int n, width, rows;
   coding c;
 } palette;
+
+// Coefficient c of set j in steps of the palette.
+static int rounded(const palette *p, int j, int c, int dims) {
+  const double x = (double)p->set[(size_t)j * (size_t)dims + (size_t)c],
+               step = p->c.step * (1 << p->level[j]);
+  const double size = fmin(floor(fabs(x) / step + SH_ROUNDING), (N_CODES / 2 >> p->level[j]) - 1);
+  return (int)copysign(size, x) * (1 << p->level[j]);
+}
 
 // Pixels of the palette: set j, coefficient c at column (j % 64) C + c, row j / 64.
 static void put_palette(sog *s, const palette *p) {
@@ -241,11 +338,7 @@ static void put_palette(sog *s, const palette *p) {
     for (int c = 0; c < s->n_rest; c++) {
       uint8_t *px = s->rgba + 4 * ((size_t)(j / SETS_PER_ROW) * (size_t)p->width +
                                    (size_t)(j % SETS_PER_ROW * s->n_rest + c));
-      for (int k = 0; k < 3; k++) {
-        const double x = (double)p->set[(size_t)j * (size_t)dims + (size_t)(3 * c + k)],
-                     size = floor(fabs(x) / p->c.step + SH_ROUNDING);
-        px[k] = byte_of(N_CODES / 2 + copysign(size, x));
-      }
+      for (int k = 0; k < 3; k++) px[k] = (uint8_t)(N_CODES / 2 + rounded(p, j, 3 * c + k, dims));
     }
 }
 
@@ -261,7 +354,7 @@ static sv_status add_palette(sog *s, palette *p, sv_err *err) {
     put_palette(s, p);
     r = encode(s, p->width, p->rows, &image, err);
     if (r != SV_OK || lo == hi) break;
-    if ((double)image.bytes <= PALETTE_BYTES * s->n) hi = i;
+    if ((double)image.bytes <= PALETTE_BYTES(s->seen) * s->n) hi = i;
     else lo = i + 1;
     if (hi == i && lo == hi) break;
     i = (lo + hi) / 2;
@@ -270,10 +363,34 @@ static sv_status add_palette(sog *s, palette *p, sv_err *err) {
   return r;
 }
 
-// About how much of a picture it colors: opacity by area.
-static float visibility(const sv_gaussian *g) {
-  const float *l = g->log_scale, least = fminf(l[0], fminf(l[1], l[2]));
-  return expf(l[0] + l[1] + l[2] - least) / (1.0f + expf(-g->opacity_logit)) + 1e-12f;
+// The first coefficient takes the mean of what the palette changes in the colors that views see.
+static void refit_color(sog *s, int i, const palette *p, int label) {
+  const int n = s->n_rest;
+  double sum[3] = {0}, total = 0, change[3][15];
+  for (int c = 0; c < n; c++)
+    for (int k = 0; k < 3; k++)
+      change[k][c] = (double)s->v[i].sh[1 + c][k] - p->c.step * rounded(p, label, 3 * c + k, 3 * n);
+  for (int v = 0; v < s->seen->n_views; v++) {
+    const double w = (double)s->seen->weight[(size_t)v * (size_t)s->n + (size_t)s->index[i]];
+    double d[3], y[15];
+    for (int k = 0; k < 3; k++) d[k] = (double)s->v[i].mean[k] - s->seen->eye[v][k];
+    const double length = sv_norm3(d);
+    if (!(w > 0 && length > 0)) continue;
+    for (int k = 0; k < 3; k++) d[k] /= length;
+    sv_sh_basis(y, d);
+    for (int k = 0; k < 3; k++)
+      for (int c = 0; c < n; c++) sum[k] += w * change[k][c] * y[c];
+    total += w;
+  }
+  for (int k = 0; total > 0 && k < 3; k++) s->v[i].sh[0][k] += (float)(sum[k] / total / SH_C0);
+}
+
+static sv_status level_sets(const sog *s, palette *p, const int *label, sv_err *err) {
+  float *weight = calloc((size_t)p->n, sizeof *weight);
+  for (int i = 0; weight && i < s->n; i++) weight[label[i]] += s->weight[i];
+  p->level = weight ? levels_of(s, weight, p->n) : NULL;
+  free(weight);
+  return p->level ? SV_OK : sv_fail(err, SV_E_NOMEM, "no memory for %d sets of SH", p->n);
 }
 
 static sv_status add_sh(sog *s, sv_str *t, sv_err *err) {
@@ -287,14 +404,14 @@ static sv_status add_sh(sog *s, sv_str *t, sv_err *err) {
                .rows = (n_sets + SETS_PER_ROW - 1) / SETS_PER_ROW,
                .set = malloc((size_t)n_sets * (size_t)dims * sizeof *p.set)};
   int *label = malloc(n * sizeof *label);
-  float *weight = malloc(n * sizeof *weight), *all = malloc(n * (size_t)dims * sizeof *all);
+  float *all = malloc(n * (size_t)dims * sizeof *all);
   sv_status r = SV_OK;
   for (size_t i = 0; all && i < n; i++)
     memcpy(all + i * (size_t)dims, s->v[i].sh[1], (size_t)dims * sizeof *all);
-  for (size_t i = 0; weight && i < n; i++) weight[i] = visibility(&s->v[i]);
-  const lab_points points = {all, weight, s->n, dims, s->pool};
-  if (!p.set || !label || !weight || !all || !lab_palette(&points, p.set, n_sets, label, ROUNDS))
+  const lab_points points = {all, s->weight, s->n, dims, s->pool};
+  if (!p.set || !label || !all || !lab_palette(&points, p.set, n_sets, label, ROUNDS))
     r = sv_fail(err, SV_E_NOMEM, "no memory for the SH of %d Gaussians", s->n);
+  if (r == SV_OK) r = level_sets(s, &p, label, err);
   if (r == SV_OK) r = add_palette(s, &p, err);
   if (r == SV_OK) {
     clear(s, (size_t)s->width * (size_t)s->height);
@@ -304,12 +421,13 @@ static sv_status add_sh(sog *s, sv_str *t, sv_err *err) {
     }
     sv_str_add(t, "\"shN\":{\"count\":%d,\"bands\":%d,", n_sets, degree);
     add_codebook(t, &p.c);
-    sv_str_add(t, ",\"files\":[\"shN_centroids.webp\",\"shN_labels.webp\"]}\n");
+    sv_str_add(t, ",\"files\":[\"shN_centroids.webp\",\"shN_labels.webp\"]},\n");
     r = add_image(s, "shN_labels.webp", s->width, s->height, err);
+    for (int i = 0; s->seen && i < s->n; i++) refit_color(s, i, &p, label[i]);
   }
   free(p.set);
+  free(p.level);
   free(label);
-  free(weight);
   free(all);
   return r;
 }
@@ -325,8 +443,8 @@ static sv_status make(sog *s, const sv_model_notes *notes, sv_err *err) {
   sv_status r = add_means(s, &t, err);
   if (r == SV_OK) r = add_scales(s, &t, err);
   if (r == SV_OK) r = add_quats(s, &t, err);
-  if (r == SV_OK) r = add_colors(s, &t, err);
   if (r == SV_OK && s->n_rest) r = add_sh(s, &t, err);
+  if (r == SV_OK) r = add_colors(s, &t, err);
   sv_str_add(&t, "}\n");
   if (r == SV_OK && t.is_cut) r = sv_fail(err, SV_E_RANGE, "meta.json does not fit into %d bytes", CAP_META);
   return r;
@@ -349,36 +467,44 @@ static sv_status write(const sog *s, const char *path, sv_err *err) {
   return r == SV_OK ? sv_file_write(path, s->meta, bytes, err) : r;
 }
 
-sv_status lab_write_sog(const sv_gaussians *g, const sv_model_notes *notes, const sv_pool *pool,
-                        const char *path, sv_err *err) {
+sv_status lab_write_sog(const sv_gaussians *g, const sv_model_notes *notes, const lab_seen *seen,
+                        const sv_pool *pool, const char *path, sv_err *err) {
   static const int rest[] = {0, 3, 8, 15};
   sog *s = calloc(1, sizeof *s);
   if (!s) return sv_fail(err, SV_E_NOMEM, "%s: no memory", path);
   s->pool = pool;
+  s->seen = seen;
   s->n = g->n;
   s->n_rest = rest[g->sh_degree];
   s->width = 4 * (int)ceil(sqrt((double)s->n) / 4);
   s->height = 4 * ((s->n + 4 * s->width - 1) / (4 * s->width));
   const size_t n_px = (size_t)s->width * (size_t)s->height,
                n_palette = (size_t)(MAX_PALETTE * (s->n_rest + 1));
-  s->v = lab_curve_order(g);
+  s->index = malloc((size_t)s->n * sizeof *s->index);
+  s->v = s->index ? lab_curve_order(g, s->index) : NULL;
   s->rgba = malloc(4 * (n_px > n_palette ? n_px : n_palette));
   sv_status r =
       s->v && s->rgba ? SV_OK : sv_fail(err, SV_E_NOMEM, "%s: no memory for %d Gaussians", path, s->n);
   for (int i = 0; r == SV_OK && i < s->n; i++) choose_axes(&s->v[i]);
+  if (r == SV_OK) r = weigh(s, err);
+  if (r == SV_OK) r = group(s, err);
   if (r == SV_OK) r = make(s, notes, err);
   if (r == SV_OK) r = write(s, path, err);
   for (int i = 0; i < s->n_files; i++) WebPFree((void *)(uintptr_t)s->file[i].data);
   free(s->rgba);
   free(s->v);
+  free(s->index);
+  free(s->weight);
+  free(s->level);
   free(s);
   return r;
 }
 #else
-sv_status lab_write_sog(const sv_gaussians *g, const sv_model_notes *notes, const sv_pool *pool,
-                        const char *path, sv_err *err) {
+sv_status lab_write_sog(const sv_gaussians *g, const sv_model_notes *notes, const lab_seen *seen,
+                        const sv_pool *pool, const char *path, sv_err *err) {
   (void)g;
   (void)notes;
+  (void)seen;
   (void)pool;
   return sv_fail(err, SV_E_UNSUPPORTED,
                  "%s: this build has no libwebp, which SOG needs (Debian: libwebp-dev)", path);

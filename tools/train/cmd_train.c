@@ -58,9 +58,9 @@ typedef struct {
 
 static sv_train_cfg train_cfg(const lab_options *o, sv_dynamic_cfg *d) {
   sv_train_cfg c = sv_train_defaults();
-  c.n_gaussians = o->gaussians > 0 ? (int)o->gaussians : 20000;
-  c.sh_degree = o->sh >= 0 ? (int)o->sh : 1;
-  c.seed = o->seed >= 0 ? (uint64_t)o->seed : 1;
+  if (o->gaussians > 0) c.n_gaussians = (int)o->gaussians;
+  if (o->sh >= 0) c.sh_degree = (int)o->sh;
+  if (o->seed >= 0) c.seed = (uint64_t)o->seed;
   c.background = lab_background_by_name(o->background);
   *d = sv_dynamic_defaults();
   if (o->method && sv_str_eq(o->method, "4dgs")) lab_dynamic_cfg(o, 0, 0, d);

@@ -2,6 +2,7 @@
 #include "tools/train/support_mask.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #define SUPPORTED 0.5f // of a pixel's weight
 #define SH_C0     0.28209479177387814
@@ -24,7 +25,8 @@ static sv_status open_views(lab_views *v, const lab_eval_job *job, const lab_sou
   return lab_views_open(v, &src, &job->session->pool, err);
 }
 
-static sv_status ask_views(sv_support *out, const lab_eval_job *job, const lab_views *v, sv_err *err) {
+static sv_status ask_views(sv_support *out, const lab_eval_job *job, const lab_views *v, float *weight,
+                           sv_err *err) {
   const sv_renderer_cfg cfg = {.cap_gaussians = job->g->n,
                                .cap_width_px = v->cap_width_px,
                                .cap_height_px = v->cap_height_px,
@@ -45,6 +47,7 @@ static sv_status ask_views(sv_support *out, const lab_eval_job *job, const lab_v
     sv_status st = sv_render(&viewer.r, job->g, &f->view, &o);
     if (st == SV_OK) st = sv_support_add(out, &viewer.r, &p);
     if (st < 0) s = sv_fail(err, st, "a training view cannot be rendered: %s", sv_status_text(st));
+    if (weight) memcpy(weight + (size_t)k * (size_t)out->n, out->weight, (size_t)out->n * sizeof *weight);
     sv_support_end(out);
   }
   lab_viewer_stop(&viewer);
@@ -53,7 +56,7 @@ static sv_status ask_views(sv_support *out, const lab_eval_job *job, const lab_v
 }
 
 sv_status lab_support_measure(sv_support *out, void **block, const lab_eval_job *job, const lab_source *train,
-                              sv_err *err) {
+                              float *weight, sv_err *err) {
   lab_views v = {0};
   const int n = job->g->n, n_threads = job->session->n_threads;
   const size_t bytes = sv_support_bytes(n, n_threads) + SV_ARENA_ALIGN;
@@ -63,7 +66,7 @@ sv_status lab_support_measure(sv_support *out, void **block, const lab_eval_job 
   sv_status s = sv_support_init(out, n, n_threads, &a);
   if (s < 0) return sv_fail(err, s, "the support of %d Gaussians: %s", n, sv_status_text(s));
   s = open_views(&v, job, train, err);
-  if (s == SV_OK) s = ask_views(out, job, &v, err);
+  if (s == SV_OK) s = ask_views(out, job, &v, weight, err);
   lab_views_free(&v);
   return s;
 }
@@ -99,7 +102,7 @@ sv_status lab_support_mask_open(lab_support_mask **out, const lab_eval_job *job,
   m->options.sh_degree = 0;
   m->options.has_depth = false;
   for (int c = 0; c < 3; c++) m->options.bg[c] = 0;
-  sv_status s = lab_support_measure(&support, &block, job, train, err);
+  sv_status s = lab_support_measure(&support, &block, job, train, NULL, err);
   if (s == SV_OK) s = paint(m, &support, job->g, err);
   free(block);
   if (s != SV_OK) return s;

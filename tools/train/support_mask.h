@@ -8,9 +8,10 @@
 #include "tools/train/evaluate.h"
 
 // Support of a still model by the views of `train` (its split is "train"), in a malloc'ed *block
-// that the caller frees, also after a failure.
+// that the caller frees, also after a failure. weight: NULL, or [SV_SUPPORT_VIEWS][n] where the sum
+// of alpha times transmittance over the pixels of each view goes.
 sv_status lab_support_measure(sv_support *out, void **block, const lab_eval_job *job, const lab_source *train,
-                              sv_err *err) SV_MUST_USE;
+                              float *weight, sv_err *err) SV_MUST_USE;
 
 typedef struct lab_support_mask lab_support_mask;
 
