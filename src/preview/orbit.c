@@ -4,14 +4,16 @@
 
 #include "src/base/mathx.h"
 #include "src/base/str.h"
+#include "src/format/axes.h"
 #include "src/train/driver.h"
 
 void sv_pictures_up(const sv_trainer *t, float up[3]) {
-  float sum[3] = {0};
+  float sum[3] = {0, -1e-3f, 0};
+  double axis[3] = {0, -1, 0};
   for (int i = 0; i < sv_driver_n_views(t); i++)
     for (int k = 0; k < 3; k++) sum[k] -= sv_driver_view(t, i)->r[3 + k];
-  float n = sqrtf(sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]);
-  for (int k = 0; k < 3; k++) up[k] = n > 1e-3f ? sum[k] / n : k == 1 ? -1.0f : 0.0f;
+  sv_up_axis(sv_up_name(sum), axis);
+  for (int k = 0; k < 3; k++) up[k] = (float)axis[k];
 }
 
 sv_view sv_pictures_turned(const sv_trainer *t, double turn_rad) {

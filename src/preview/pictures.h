@@ -48,7 +48,8 @@ sv_status sv_pictures_orbit(const sv_pictures *p, int n) SV_MUST_USE;
 sv_view sv_pictures_turned(const sv_trainer *t, double turn_rad);
 // Display values of a rendering's pixel.
 void sv_pictures_pixel(uint8_t out[3], const sv_planes *p, int x, int y);
-// Up in the world: the mean of the images' up (-y when there are none).
+// Up in the world, as model.ply names it: the axis nearest to the mean of the images' up (-y when
+// there are none). Odometry turns its worlds so that this is the main plane's or the IMU's up.
 void sv_pictures_up(const sv_trainer *t, float up[3]);
 
 #endif
