@@ -16,7 +16,7 @@ sv_status sv_smooth_init(sv_smooth *s, const sv_smooth_cfg *cfg, sv_compute comp
   float **planes[] = {&s->inverse, &s->g_depth, &s->g_trans};
   s->compute = compute;
   for (int i = 0; i < 3; i++) *planes[i] = SV_TAKE(arena, float, cfg->cap_pixels);
-  s->band = SV_TAKE(arena, double, 2 * n_bands(cfg->cap_height_px));
+  s->band = SV_TAKE(arena, double, 2 * (cfg->cap_height_px / BAND_ROWS + 1));
   return arena->status < 0 ? arena->status : SV_OK;
 }
 
@@ -128,6 +128,7 @@ double sv_smooth_loss(sv_smooth *s, const sv_smooth_input *in) {
     sum += s->band[2 * i];
     n_px += s->band[2 * i + 1];
   }
+  s->n_px = (long)n_px;
   if (n_px > 0) {
     j.edge = (float)((double)EDGE * sum / n_px);
     j.per_pixel = (float)((double)in->weight / sum);

@@ -25,7 +25,8 @@ typedef struct {
   sv_compute compute;
   float *inverse;           // [height_px][stride] A / D, 0 where the alpha is too low
   float *g_depth, *g_trans; // [rows_padded][stride] dL/dD and dL/dT of the last loss
-  double *band;             // [bands][2] sums
+  double *band;             // [cap_height_px / 16 + 1][2] sums; free between two calls
+  long n_px;                // pixels of the last image that have an inverse depth
 } sv_smooth;
 
 // Planes of one image, [rows_padded][stride].

@@ -467,6 +467,7 @@ void sv_driver_add_settings(sv_str *out, const sv_trainer *t) {
   add_number(out, "loss_tv", (double)c->weight_tv);
   add_number(out, "loss_tv_novel", (double)c->weight_tv_novel);
   add_number(out, "loss_smooth", (double)c->weight_smooth);
+  add_number(out, "loss_reproject", (double)c->weight_reproject);
   add_number(out, "supersample", c->is_supersampled ? 1.0 - (double)c->supersample_from : 0);
   add_number(out, "min_scale_px", (double)c->min_scale_px);
   add_number(out, "dilation_px2", (double)c->dilation_px2);

@@ -57,14 +57,15 @@ static float opacity_weight(const sv_sampling *s, bool is_grid) {
   return is_grid ? 0.015f : s->is_far ? 0.05f : 0.03f;
 }
 
-// Of the smoothness of depth, for few exposures and for moving scenes, whose cameras often stand
+// Losses of rendered depth, for few exposures and for moving scenes, whose cameras often stand
 // still. Cameras of a rig measure depth where there is texture, and smoothness carries it on. One
 // camera measures little, and the many sub-views of a lens grid leave little open. A start in a
 // sphere is the paper's, whose objective has none.
-static float smooth_weight(const sv_sampling *s, bool is_grid) {
-  if (s->n_sub_views == 1 || is_grid || s->is_far) return 0.0f;
-  if (s->is_moving) return 0.1f;
-  return s->n_exposures <= SV_FEW_EXPOSURES ? 0.4f : 0.0f;
+static void set_surface(sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
+  if (s->n_sub_views == 1 || is_grid || s->is_far) return;
+  if (!s->is_moving && s->n_exposures > SV_FEW_EXPOSURES) return;
+  cfg->weight_smooth = s->is_moving || s->n_exposures > 1 ? 0.1f : 0.4f;
+  cfg->weight_reproject = s->is_moving ? 0.0f : 0.2f;
 }
 
 // Of the Gaussians, in each relocation: many exposures of a still scene tell which ones matter
@@ -109,7 +110,7 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   cfg->random_until = random_until(cfg, s);
   if (s->n_exposures < MANY_EXPOSURES && !s->is_moving) cfg->hidden_every = HIDDEN_EVERY;
   cfg->dropout = dropout_of(s, is_grid);
-  cfg->weight_smooth = smooth_weight(s, is_grid);
+  set_surface(cfg, s, is_grid);
   cfg->dropout_until = cfg->is_supersampled ? cfg->supersample_from : DROPOUT_UNTIL;
   if (s->n_exposures <= SV_FEW_EXPOSURES && !s->is_moving) cfg->reg_opacity = opacity_weight(s, is_grid);
   cfg->reg_opacity *= opacity_share(cfg, s, is_grid);

@@ -14,12 +14,9 @@
 #include "src/train/optimize.h"
 #include "src/train/relocate.h"
 #include "src/train/supersample.h"
+#include "src/train/surface.h"
 
-#define UNPACK_ROWS  16   // rows a task
-#define SMOOTH_ALPHA 0.5f // pixels of less alpha have no depth
-// Smoothness of depth asks the same in each step: one of eight with eight times the weight gives
-// the same model for a tenth of a step's time.
-#define SMOOTH_EVERY 8
+#define UNPACK_ROWS 16 // rows a task
 
 // --- choice --------------------------------------------------------------------------------------
 
@@ -204,34 +201,14 @@ static sv_status begin_image(sv_trainer *t, const sv_train_choice *c, const sv_r
   sv_status s = SV_OK;
   if (SV_TRAIN_HAS(t, before_render)) s = t->hooks->before_render(t->hooked, im);
   if (s >= 0 && !im->has_target) sv_train_load_target(t, c->i_view, scale, bg);
-  // Depth has one value a pixel: with several samples, late in the run, it is smooth already.
-  im->is_smooth = t->cfg.weight_smooth > 0.0f && t->step % SMOOTH_EVERY == 0 && !im->options.has_depth &&
-                  !im->is_supersampled;
-  im->options.has_depth |= im->is_smooth;
+  im->is_surface = sv_train_is_surface_due(t, im);
+  im->options.has_depth |= im->is_surface;
   return s;
 }
 
 static sv_status backward(sv_trainer *t, const sv_train_image *im, const float *errors) {
   if (im->is_supersampled) return sv_train_supersample_bwd(t, &t->grad, errors);
   return sv_render_bwd(&t->render, &t->grad, im->g_depth, im->g_trans, errors);
-}
-
-// By the edges of the image's target.
-static double smooth_loss(sv_trainer *t, sv_train_image *im) {
-  const sv_planes *x = &t->render.rgb, *target = &t->target;
-  const double loss =
-      sv_smooth_loss(&t->smooth, &(sv_smooth_input){.depth = t->render.depth,
-                                                    .trans = t->render.trans,
-                                                    .colour = {target->c[0], target->c[1], target->c[2]},
-                                                    .width_px = x->width_px,
-                                                    .height_px = x->height_px,
-                                                    .stride = x->stride,
-                                                    .rows_padded = x->rows_padded,
-                                                    .alpha_min = SMOOTH_ALPHA,
-                                                    .weight = t->cfg.weight_smooth * (float)SMOOTH_EVERY});
-  im->g_depth = t->smooth.g_depth;
-  im->g_trans = t->smooth.g_trans;
-  return loss;
 }
 
 // Renders a view and leaves its gradients in the renderer.
@@ -260,7 +237,8 @@ static sv_status view_step(sv_trainer *t, const sv_train_choice *c, const sv_ren
   sv_train_weigh(t, weight, errors);
   sv_train_appear_bwd(t, c->i_view, x, &im.view, c->progress);
   if (t->cfg.weight_tv > 0.0f) out->loss += sv_tv_loss(&t->tv, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
-  if (im.is_smooth) out->loss += smooth_loss(t, &im); // before the probe takes the target's place
+  // Before the probe takes the target's place.
+  if (im.is_surface) out->loss += sv_train_surface_loss(t, &im);
   if (sv_train_is_probe_due(t)) {
     const double share = image ? (double)t->views[c->i_view].share : 1.0;
     // its square must count once
@@ -273,7 +251,7 @@ static sv_status view_step(sv_trainer *t, const sv_train_choice *c, const sv_ren
                                  .view = &im.view};
     if ((s = sv_train_curvature(t, &r, &t->target)) < 0) return s;
   }
-  if (im.options.has_depth && !im.is_smooth) out->loss += t->hooks->add_loss(t->hooked, &im);
+  if (im.options.has_depth && !im.is_surface) out->loss += t->hooks->add_loss(t->hooked, &im);
   return backward(t, &im, errors);
 }
 

@@ -102,6 +102,9 @@ typedef struct sv_train_cfg {
   float weight_tv_novel; // The same, of novel views. Default 0.
   // Weight of the edge-aware smoothness of rendered depth (src/loss/smooth.h). Default 0.
   float weight_smooth;
+  // With it, weight of the photometric reprojection of rendered depth to the other views of the
+  // same exposure (src/loss/reproject.h). Default 0.
+  float weight_reproject;
   // Views have deep pictures (sv_train_set_deep). Default false.
   bool is_deep;
   // Noise added to predicted measurements (sv_forward_noise). Defaults 0: none.

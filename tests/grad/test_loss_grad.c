@@ -10,10 +10,10 @@
 #include "src/base/rng.h"
 #include "src/loss/depth.h"
 #include "src/loss/pearson.h"
-#include "src/loss/smooth.h"
 #include "src/loss/photometric.h"
 #include "src/loss/tv.h"
 #include "tests/common/test.h"
+#include "tests/grad/surface_double.h"
 
 enum { CAP_W = 45, CAP_H = 40 };
 
@@ -441,100 +441,6 @@ static void check_depth(void) {
   float none = 3, grad = 0;
   uint8_t mask = 0;
   assert_true(sv_depth_loss(&(sv_depth_pair){&none, &none, &mask, 1, 1, 1, 1, 1}, &grad) == 0 && grad == 0);
-}
-
-// --- smoothness ----------------------------------------------------------------------------------
-
-enum { SMOOTH_W = 9, SMOOTH_H = 37, SMOOTH_S = 16, SMOOTH_ROWS = 48, SMOOTH_N = SMOOTH_S * SMOOTH_ROWS };
-
-static double inverse_of(const double *d, const double *t, int i) {
-  const double alpha = 1 - t[i];
-  return alpha >= 0.5 && d[i] > 0 ? alpha / d[i] : 0;
-}
-
-static double smooth_pair(const double *d, const double *t, const float *colour, double mean, int i, int j) {
-  const double a = inverse_of(d, t, i), b = inverse_of(d, t, j), off = fabs(a - b);
-  double contrast = 0;
-  for (int c = 0; c < 3; c++)
-    contrast += fabs((double)colour[c * SMOOTH_N + i] - (double)colour[c * SMOOTH_N + j]);
-  return !(a > 0) || !(b > 0) || off > 0.05 * mean ? 0 : off / (1 + 10 * contrast);
-}
-
-// Of a given mean inverse depth, and the number of pixels that have one.
-static double smooth_double(const double *d, const double *t, const float *colour, double mean, int n) {
-  double sum = 0;
-  for (int y = 0; y < SMOOTH_H; y++)
-    for (int x = 0; x < SMOOTH_W; x++) {
-      const int i = y * SMOOTH_S + x;
-      if (x + 1 < SMOOTH_W) sum += smooth_pair(d, t, colour, mean, i, i + 1);
-      if (y + 1 < SMOOTH_H) sum += smooth_pair(d, t, colour, mean, i, i + SMOOTH_S);
-    }
-  return 0.3 * sum / (mean * n);
-}
-
-static void check_smooth_gradient(double *v, const float *got, const char *what, const double *d,
-                                  const double *t, const float *colour, double mean, int n) {
-  const double step = 1e-7;
-  for (int i = 0; i < SMOOTH_N; i++) {
-    const double keep = v[i];
-    if (i % SMOOTH_S >= SMOOTH_W || i / SMOOTH_S >= SMOOTH_H) {
-      if (got[i] != 0) fail_msg("smooth: %s %g in the padding", what, (double)got[i]);
-      continue;
-    }
-    v[i] = keep + step;
-    const double plus = smooth_double(d, t, colour, mean, n);
-    v[i] = keep - step;
-    const double numeric = (plus - smooth_double(d, t, colour, mean, n)) / (2 * step);
-    v[i] = keep;
-    if (fabs(numeric - (double)got[i]) > 1e-6 + 1e-3 * fabs(numeric))
-      fail_msg("smooth pixel %d: %s %.8g, numeric %.8g", i, what, (double)got[i], numeric);
-  }
-}
-
-static void check_smooth(void) {
-  static float depth[SMOOTH_N], trans[SMOOTH_N], colour[3 * SMOOTH_N], again[2 * SMOOTH_N];
-  static double d[SMOOTH_N], t[SMOOTH_N];
-  double mean = 0;
-  int n = 0, n_threads = 3;
-  sv_arena a = sv_arena_make(block, sizeof block);
-  sv_rng r = sv_rng_make(8, 1);
-  sv_smooth s;
-  const sv_pool serial = sv_pool_serial(), backwards = {&n_threads, 3, run_backwards};
-  for (int i = 0; i < SMOOTH_N; i++) {
-    const float inverse = 0.4f + 0.02f * sv_rng_f(&r) + (i % 11 == 0 ? 0.3f : 0.0f); // some edges
-    trans[i] = i % 7 == 3 ? 0.6f : 0.3f * sv_rng_f(&r);                              // some holes
-    depth[i] = (1 - trans[i]) / inverse;
-    d[i] = (double)depth[i];
-    t[i] = (double)trans[i];
-    for (int c = 0; c < 3; c++) colour[c * SMOOTH_N + i] = sv_rng_f(&r);
-    if (i % SMOOTH_S >= SMOOTH_W || i / SMOOTH_S >= SMOOTH_H) continue;
-    mean += inverse_of(d, t, i);
-    n += inverse_of(d, t, i) > 0;
-  }
-  mean /= n;
-  const sv_smooth_input in = {.depth = depth,
-                              .trans = trans,
-                              .colour = {colour, colour + SMOOTH_N, colour + 2 * SMOOTH_N},
-                              .width_px = SMOOTH_W,
-                              .height_px = SMOOTH_H,
-                              .stride = SMOOTH_S,
-                              .rows_padded = SMOOTH_ROWS,
-                              .alpha_min = 0.5f,
-                              .weight = 0.3f};
-  assert_int_equal(sv_smooth_init(&s, &(sv_smooth_cfg){SMOOTH_N, SMOOTH_H}, (sv_compute){NULL, &serial}, &a),
-                   SV_OK);
-  const double got = sv_smooth_loss(&s, &in), want = smooth_double(d, t, colour, mean, n);
-  if (fabs(got - want) > 1e-4 * want) fail_msg("smooth: value %.9g, in double %.9g", got, want);
-  check_smooth_gradient(d, s.g_depth, "dL/dD", d, t, colour, mean, n);
-  check_smooth_gradient(t, s.g_trans, "dL/dT", d, t, colour, mean, n);
-  memcpy(again, s.g_depth, sizeof again / 2);
-  memcpy(again + SMOOTH_N, s.g_trans, sizeof again / 2);
-  s.compute.pool = &backwards;
-  assert_true(sv_smooth_loss(&s, &in) == got);
-  assert_memory_equal(again, s.g_depth, sizeof again / 2);
-  assert_memory_equal(again + SMOOTH_N, s.g_trans, sizeof again / 2);
-  for (int i = 0; i < SMOOTH_N; i++) trans[i] = 1; // nothing to see
-  assert_true(sv_smooth_loss(&s, &in) == 0 && s.g_depth[0] == 0 && s.g_trans[0] == 0);
 }
 
 // --- memory --------------------------------------------------------------------------------------

@@ -83,6 +83,7 @@ TEST(test_smooth_depth) {
   for (int n = 1; n <= 30; n++) {
     assert_true(of(n, 1, false, false).weight_smooth == 0);
     assert_true((of(n, 2, false, false).weight_smooth > 0) == (n <= 3));
+    assert_true((of(n, 2, false, false).weight_reproject > 0) == (n <= 3));
     assert_true(of(n, 16, false, false).weight_smooth == 0 && of(n, 16, true, false).weight_smooth == 0);
     assert_true(of(n, 2, false, true).weight_smooth > 0 && of(n, 1, false, true).weight_smooth == 0);
   }
