@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// From captured exposures to a model that can be trained: views of the trainer, first Gaussians from
-// depth maps, odometry's points or random ones, or the checkpoint of an earlier run.
+// From captured exposures to a model that can be trained: views of the trainer, then first
+// Gaussians from depth maps, odometry's points or random ones, or the checkpoint of an earlier run.
 #include "src/run/app.h"
 #include "src/train/seed.h"
 
