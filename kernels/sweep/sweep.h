@@ -28,7 +28,7 @@ typedef struct {
   const uint16_t *src; // [height][width] luma x 256, at least 2x2
   int width_px, height_px;
   float h[9], e[3]; // rows
-  int x0, x1;       // columns to fill, multiples of 16; may lie outside the map
+  int x0, x1;       // columns to fill, 16 or a multiple of it; may lie outside the map
   int y0;           // row of the map that row 0 of warped shows
   int stride;       // of the planes below, whose column 0 is that of the map
   float *warped;    // [SV_SWEEP_ROWS] levels - 128; beyond the picture its border

@@ -13,7 +13,8 @@
 #define BLOCKS_PER_TASK SV_TRAIN_TASK_BLOCKS
 #define ERR_KEEP        0.9f // running mean of the blended error over the views that see a Gaussian
 
-#define KEEP_GRADIENT 0.9f // of its running mean, a step
+#define KEEP_GRADIENT     0.9f // of its running mean, a step
+#define KEEP_GRADIENT_MIN 0.8f // in the shortest runs
 
 #define UNBOOSTED_STEPS 2000.0 // runs of fewer steps learn faster (docs/notes/quality.md)
 #define CAP_BOOST       2.5f
@@ -87,12 +88,19 @@ static float newton_rate(const sv_train_cfg *c, float progress) {
   return (float)sv_exp(a + ((b < a ? b : a) - a) * (double)sv_clampf(progress, 0.0f, 1.0f));
 }
 
+// A mean over many steps follows late, which runs of less than 900 steps feel; in longer ones it is
+// less noisy.
+static float keep_gradient(const sv_train_cfg *c) {
+  const float boost = sv_clampf(sv_train_short_run_boost(c), CAP_BOOST - 1.0f, CAP_BOOST);
+  return KEEP_GRADIENT_MIN + (KEEP_GRADIENT - KEEP_GRADIENT_MIN) * (CAP_BOOST - boost);
+}
+
 static sv_newton_args newton_args(job *j, float mean_lr, float progress) {
   const sv_newton_cfg *c = &j->t->cfg.newton;
   const float settling = sv_train_settling(&j->t->cfg, progress);
   fill_rates(j, mean_lr, settling * c->cap, 1.0f);
   for (int i = SV_ROW_SCALE; i < SV_ROW_LOGIT; i++) j->lr[i] = settling * c->cap_scale * j->t->cfg.lr.scale;
-  return (sv_newton_args){.beta1 = KEEP_GRADIENT,
+  return (sv_newton_args){.beta1 = keep_gradient(&j->t->cfg),
                           .rate = settling * newton_rate(&j->t->cfg, progress),
                           .damping = c->damping,
                           .cap = j->lr,

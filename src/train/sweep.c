@@ -6,20 +6,17 @@
 
 #include "src/base/mathx.h"
 #include "src/train/sweep_gaps.h"
+#include "src/train/sweep_half.h"
+#include "src/train/sweep_views.h"
 #include "src/train/transfer.h"
 
 #define CAP_K        64
 #define CAP_TOTAL_PX 384000 // of all maps
 // Lens images share their sensor's pixels: each map is coarse enough as it is.
 #define CAP_LENSES_PX 819200
-#define GROUP         4 // neighbours that are taken together when there are too many views
 #define RADIUS        SV_SWEEP_RADIUS
 #define BAND          SV_SWEEP_BAND
 #define ROWS          SV_SWEEP_ROWS
-// between two views: less tells depth badly, more and surfaces look different
-#define BEST_DEG 8.0
-#define MIN_DEG  0.2
-#define MAX_DEG  35.0
 // of the pixel: beside an edge, an even ground would be put at the edge's depth
 #define MIN_SLOPE2 4.0f
 #define MIN_CORR2  0.49f // squared correlation
@@ -29,7 +26,7 @@
 #define LEFT             32   // columns before a row
 #define AGREE            1.5f // planes that two maps may differ by
 
-// --- choice of views -----------------------------------------------------------------------------
+// --- sizes ---------------------------------------------------------------------------------------
 
 static int n_maps(int n_views) { return sv_mini(n_views, SV_SWEEP_CAP_VIEWS); }
 
@@ -40,74 +37,6 @@ static int reduction(int w, int h, int cap_px) {
   int k = 1;
   while (k < CAP_K && (w / k) * (h / k) > cap_px) k++;
   return k;
-}
-
-// Squared distance of two views: of place, in distances to the scene, and of direction.
-static double apart(const sv_view *a, const sv_view *b, double distance) {
-  float ca[3], cb[3];
-  double d2 = 0;
-  sv_view_centre(ca, a);
-  sv_view_centre(cb, b);
-  for (int i = 0; i < 3; i++) {
-    double c = ((double)ca[i] - cb[i]) / distance, f = (double)a->r[6 + i] - b->r[6 + i];
-    d2 += c * c + f * f;
-  }
-  return d2;
-}
-
-static double distance_to(const sv_view *v, const sv_bounds *b) {
-  float c[3];
-  sv_view_centre(c, v);
-  double d[3] = {(double)b->centre[0] - c[0], (double)b->centre[1] - c[1], (double)b->centre[2] - c[2]};
-  return sv_maxf((float)sv_norm3(d), b->radius);
-}
-
-typedef struct {
-  const sv_trainer *t;
-  sv_sweep *s;
-  sv_bounds bounds;
-  double distance;
-} choice;
-
-static bool is_chosen(const choice *c, int i) {
-  for (int k = 0; k < c->s->n; k++)
-    if (c->s->map[k].i_view == i) return true;
-  return false;
-}
-
-static bool is_eligible(const choice *c, int i) {
-  return !c->t->cfg.has_motion || c->t->views[i].view.time == c->t->reference_time;
-}
-
-// The view farthest from all that are chosen, or (is_near) nearest to the one chosen as number
-// `to`; -1: none left.
-static int next_view(const choice *c, bool is_near, int to) {
-  int best = -1;
-  double best_d = 0;
-  for (int i = 0; i < c->t->n_views; i++) {
-    if (!is_eligible(c, i) || is_chosen(c, i)) continue;
-    double d = 1e30;
-    for (int k = is_near ? to : 0; k < (is_near ? to + 1 : c->s->n); k++) {
-      double here = apart(&c->t->views[i].view, &c->t->views[c->s->map[k].i_view].view, c->distance);
-      if (here < d) d = here;
-    }
-    if (best < 0 || (is_near ? d < best_d : d > best_d)) {
-      best = i;
-      best_d = d;
-    }
-  }
-  return best;
-}
-
-static void choose_views(choice *c) {
-  int n_eligible = 0;
-  for (int i = 0; i < c->t->n_views; i++) n_eligible += is_eligible(c, i);
-  bool is_all = n_eligible <= SV_SWEEP_CAP_VIEWS;
-  while (c->s->n < sv_mini(n_eligible, SV_SWEEP_CAP_VIEWS)) {
-    int in_group = c->s->n % GROUP;
-    int i = next_view(c, !is_all && in_group > 0, c->s->n - in_group);
-    c->s->map[c->s->n++] = (sv_depth_map){.i_view = i};
-  }
 }
 
 // Scales all images to similar focal lengths, within a factor of two.
@@ -124,41 +53,6 @@ static void choose_sizes(sv_sweep *s, const sv_trainer *t, int cap_px) {
     const sv_view *v = &t->views[m->i_view].view;
     while (m->k < CAP_K && v->fx > 2.0f * least * (float)m->k) m->k++;
     m->view = sv_view_scaled(v, m->k);
-  }
-}
-
-// How well b tells depth in a: 0 not at all.
-static double worth(const sv_view *a, const sv_view *b, double z) {
-  float ca[3], cb[3];
-  double p[3], q[3];
-  sv_view_centre(ca, a);
-  sv_view_centre(cb, b);
-  for (int i = 0; i < 3; i++) {
-    p[i] = z * (double)a->r[6 + i];
-    q[i] = p[i] + (double)ca[i] - cb[i];
-  }
-  double deg = sv_angle_between(p, q) * (180 / SV_PI);
-  double ahead = (double)b->r[6] * q[0] + (double)b->r[7] * q[1] + (double)b->r[8] * q[2];
-  if (deg < MIN_DEG || deg > MAX_DEG || ahead < 0.7 * sv_norm3(q)) return 0;
-  return deg < BEST_DEG ? deg / BEST_DEG : BEST_DEG / deg;
-}
-
-static void choose_sources(sv_sweep *s, int i, double z) {
-  sv_depth_map *m = &s->map[i];
-  double w[SV_SWEEP_CAP_SOURCES];
-  for (int k = 0; k < s->n; k++) {
-    double here = k == i ? 0 : worth(&m->view, &s->map[k].view, z);
-    if (!(here > 0)) continue;
-    int at = m->n_sources < SV_SWEEP_CAP_SOURCES ? m->n_sources++ : SV_SWEEP_CAP_SOURCES;
-    for (; at > 0 && w[at - 1] < here; at--)
-      if (at < SV_SWEEP_CAP_SOURCES) {
-        w[at] = w[at - 1];
-        m->source[at] = m->source[at - 1];
-      }
-    if (at < SV_SWEEP_CAP_SOURCES) {
-      w[at] = here;
-      m->source[at] = k;
-    }
   }
 }
 
@@ -230,12 +124,14 @@ typedef struct {
   float *ray[3]; // points of depth 1 in the camera's frame, where a fisheye takes part
   float *ref, *warped[SV_SWEEP_CAP_SOURCES], *is_in[SV_SWEEP_CAP_SOURCES];
   float *mean, *norm, *last, *best, *before, *after, *plane;
-  int n_structured, n_matched; // pixels that a depth was looked for, and that have one
+  int *first_plane, *last_plane; // [columns / 16] the planes that each sixteen columns look at
+  int n_structured, n_matched;   // pixels that a depth was looked for, and that have one
 } lane;
 
 typedef struct {
   const sv_trainer *t;
   sv_sweep *s;
+  const sv_depth_map *half; // [s->n] at half the size, with codes; NULL: all planes are looked at
   lane *lanes;
   int cap_stride, bands_of_map;
   int band_step; // one band of so many is looked at
@@ -247,7 +143,8 @@ typedef struct { // what one task does
   const sv_depth_map *m;
   lane *l;
   float min_corr2;
-  int y0, x0, x1, stride; // columns [x0, x1) have structure; both are multiples of 16
+  int y0, stride;
+  int x0, x1; // columns at work, multiples of 16: those with structure, then a part of them
 } band;
 
 static int stride_of(int width_px) { return (width_px + 15) / 16 * 16 + 2 * LEFT; }
@@ -262,6 +159,8 @@ static void carve_lane(lane *l, int stride, sv_arena *a) {
     l->is_in[i] = SV_TAKE(a, float, BAND *stride);
   }
   for (size_t i = 0; i < sizeof low / sizeof *low; i++) *low[i] = SV_TAKE(a, float, BAND *stride);
+  l->first_plane = SV_TAKE(a, int, stride / 16);
+  l->last_plane = SV_TAKE(a, int, stride / 16);
 }
 
 // The map's picture; the outermost pixels are repeated.
@@ -274,15 +173,6 @@ static void load_rows(const band *b) {
     for (int x = -LEFT; x < b->stride - LEFT; x++)
       b->l->ref[r * b->stride + LEFT + x] = (float)row[sv_clampi(x, 0, w - 1)] * (1.0f / 256.0f) - 128.0f;
   }
-}
-
-static inline float bilinear(const uint16_t *grey, int w, float x, float y) {
-  int x0 = (int)x, y0 = (int)y;
-  float fx = x - (float)x0, fy = y - (float)y0;
-  const uint16_t *p = grey + y0 * w + x0;
-  float a = (float)p[0] + fx * ((float)p[1] - (float)p[0]),
-        b = (float)p[w] + fx * ((float)p[w + 1] - (float)p[w]);
-  return (a + fy * (b - a)) * (1.0f / 256.0f) - 128.0f;
 }
 
 static void load_rays(const band *b) {
@@ -308,14 +198,15 @@ static void warp16_wide(const band *b, int k, const sv_transfer *q, float w, int
 // Source k as the map sees it on the plane at inverse depth w.
 static void warp(const band *b, int k, const sv_transfer *q, float w) {
   for (int r = 0; r < ROWS && q->is_wide; r++)
-    for (int x = b->x0 - 16; x < b->x1 + 16; x += 16) warp16_wide(b, k, q, w, r * b->stride + LEFT + x);
+    for (int x = b->x0 - RADIUS; x < b->x1 + RADIUS; x += 16)
+      warp16_wide(b, k, q, w, r * b->stride + LEFT + x);
   if (q->is_wide) return;
   const sv_depth_map *src = &b->s->map[b->m->source[k]];
   sv_sweep_warp_args a = {.src = src->grey,
                           .width_px = src->view.width_px,
                           .height_px = src->view.height_px,
-                          .x0 = b->x0 - 16,
-                          .x1 = b->x1 + 16,
+                          .x0 = b->x0 - RADIUS,
+                          .x1 = b->x1 - RADIUS + 16,
                           .y0 = b->y0 - RADIUS,
                           .stride = b->stride,
                           .warped = b->l->warped[k] + LEFT,
@@ -402,6 +293,26 @@ static void fill(float *p, int n, float value) {
   for (int i = 0; i < n; i++) p[i] = value;
 }
 
+static void choose_block_planes(const job *j, const band *b, int i_map) {
+  for (int x = b->x0; x < b->x1; x += 16) {
+    int *first = &b->l->first_plane[x / 16], *last = &b->l->last_plane[x / 16];
+    *first = 0;
+    *last = b->m->n_planes - 1;
+    if (j->half) sv_sweep_half_planes(&j->half[i_map], b->m->n_planes, x, b->y0, first, last);
+  }
+}
+
+// Moves on to the next columns up to `end` that look at a plane; false: there are none.
+static bool next_columns(band *b, int plane, int end) {
+  const lane *l = b->l;
+  int x = b->x1;
+  while (x < end && (plane < l->first_plane[x / 16] || plane > l->last_plane[x / 16])) x += 16;
+  b->x0 = x;
+  while (x < end && plane >= l->first_plane[x / 16] && plane <= l->last_plane[x / 16]) x += 16;
+  b->x1 = x;
+  return b->x1 > b->x0;
+}
+
 static void sweep_task(void *arg, int i_task, int i_thread) {
   job *j = arg;
   const sv_depth_map *m = &j->s->map[i_task / j->bands_of_map];
@@ -429,10 +340,15 @@ static void sweep_task(void *arg, int i_task, int i_thread) {
   fill(l->before, n, SV_SWEEP_NOT_SEEN);
   fill(l->after, n, SV_SWEEP_NOT_SEEN);
   fill(l->plane, n, -2);
-  for (int p = 0; p < m->n_planes && b.x1 > b.x0; p++) {
-    for (int k = 0; k < m->n_sources; k++) warp(&b, k, &q[k], m->w0 + (float)p * m->dw);
-    match(&b, p);
-  }
+  const int x0 = b.x0, x1 = b.x1;
+  choose_block_planes(j, &b, i_task / j->bands_of_map);
+  for (int p = 0; p < m->n_planes; p++)
+    for (b.x0 = x0, b.x1 = x0; next_columns(&b, p, x1);) {
+      for (int k = 0; k < m->n_sources; k++) warp(&b, k, &q[k], m->w0 + (float)p * m->dw);
+      match(&b, p);
+    }
+  b.x0 = x0;
+  b.x1 = x1;
   write_codes(&b, &j->t->views[m->i_view].image);
 }
 
@@ -530,14 +446,37 @@ size_t sv_sweep_bytes(const sv_train_cfg *cfg) {
   SV_TAKE(&dry, sv_depth_map, SV_SWEEP_CAP_VIEWS);
   SV_TAKE(&dry, uint16_t, cap_total_px(cfg, n));
   SV_TAKE(&dry, uint16_t, cap_total_px(cfg, n));
+  SV_TAKE(&dry, sv_depth_map, SV_SWEEP_CAP_VIEWS);
+  SV_TAKE(&dry, uint16_t, cap_total_px(cfg, n) / 4); // at half the size
+  SV_TAKE(&dry, uint16_t, cap_total_px(cfg, n) / 4);
   SV_TAKE(&dry, lane, cfg->n_threads);
   for (int i = 0; i < cfg->n_threads; i++) carve_lane(&l, stride_of(cfg->cap_width_px), &dry);
   return dry.used_bytes;
 }
 
+// Sweeps all maps at half the size, so that the full ones look at fewer planes.
+static sv_status sweep_half(job *j, sv_arena *scratch) {
+  sv_sweep half = {.map = SV_TAKE(scratch, sv_depth_map, SV_SWEEP_CAP_VIEWS), .n = j->s->n};
+  size_t at = 0, n = 0;
+  for (int i = 0; i < half.n; i++) n += sv_sweep_half_px(&j->s->map[i]);
+  uint16_t *grey = SV_TAKE(scratch, uint16_t, n), *code = SV_TAKE(scratch, uint16_t, n);
+  if (scratch->status < 0) return scratch->status;
+  for (int i = 0; i < half.n; i++) {
+    half.map[i].grey = grey + at;
+    half.map[i].code = code + at;
+    at += sv_sweep_half_px(&j->s->map[i]);
+    sv_sweep_half(&j->s->map[i], &half.map[i]);
+  }
+  job of_half = *j;
+  of_half.s = &half;
+  of_half.bands_of_map = (j->bands_of_map + 1) / 2;
+  sv_pool_run(j->t->compute.pool, sweep_task, &of_half, half.n * of_half.bands_of_map);
+  j->half = half.map;
+  return SV_OK;
+}
+
 sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds, int cap_px,
                        sv_arena *scratch) {
-  choice c = {.t = t, .s = s, .bounds = *bounds};
   job j = {.t = t, .s = s};
   *s = (sv_sweep){0};
   if (t->n_views < 2) return SV_AGAIN;
@@ -546,8 +485,7 @@ sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds
   uint16_t *grey = SV_TAKE(scratch, uint16_t, cap), *code = SV_TAKE(scratch, uint16_t, cap);
   j.lanes = SV_TAKE(scratch, lane, t->cfg.n_threads);
   if (scratch->status < 0) return scratch->status;
-  for (int i = 0; i < t->n_views; i++) c.distance += distance_to(&t->views[i].view, bounds) / t->n_views;
-  choose_views(&c);
+  sv_sweep_choose_views(s, t, bounds);
   choose_sizes(s, t, cap_px);
   for (int i = 0; i < s->n; i++) {
     sv_depth_map *m = &s->map[i];
@@ -561,18 +499,20 @@ sv_status sv_sweep_run(sv_sweep *s, const sv_trainer *t, const sv_bounds *bounds
     m->code = code + used;
     used += px;
     load_grey(t, m);
-    choose_sources(s, i, sv_maxf((float)z, bounds->radius));
+    sv_sweep_choose_sources(s, i, sv_maxf((float)z, bounds->radius));
     choose_planes(s, i, bounds);
     j.cap_stride = sv_maxi(j.cap_stride, stride_of(m->view.width_px));
     j.bands_of_map = sv_maxi(j.bands_of_map, (m->view.height_px + BAND - 1) / BAND);
   }
   for (int i = 0; i < t->cfg.n_threads; i++) carve_lane(&j.lanes[i], j.cap_stride, scratch);
   if (scratch->status < 0) return scratch->status;
+  sv_status st;
   s->is_open = is_open(&j);
   for (int i = 0; i < s->n; i++) {
     choose_planes(s, i, bounds);
     if (s->is_open) choose_all_planes(&s->map[i]);
   }
+  if ((st = sweep_half(&j, scratch)) < 0) return st;
   sv_pool_run(t->compute.pool, sweep_task, &j, s->n * j.bands_of_map);
   sv_pool_run(t->compute.pool, confirm_task, &j, s->n);
   sv_pool_run(t->compute.pool, fill_task, &j, s->n);

@@ -17,8 +17,8 @@ static void check_warp(ck *c, int w, int h, int i_transform) {
                           .width_px = w,
                           .height_px = h,
                           .e = {-2.5f, 0.75f, 0.01f},
-                          .x0 = -16,
-                          .x1 = 64,
+                          .x0 = -16 + 7 * i_transform, // need not be a multiple of 16
+                          .x1 = 64 + 7 * i_transform,
                           .y0 = -3,
                           .stride = stride};
   for (int i = 0; i < 9; i++) a.h[i] = transforms[i_transform][i];

@@ -145,7 +145,7 @@ TEST(test_webcam_training) {
                              "--threads 2 --quiet --json --hold-out 0.05 --out webcam_model");
   double psnr = number_of(shell.said, "train_psnr"), held = number_of(shell.said, "held_out_psnr");
   print_message("held-out pixels %.2f dB\n", held);
-  assert_true(held > 21 && held < psnr);
+  assert_true(held > 21.5 && held < psnr);
   // What is learned of the cameras is what cameras may be.
   char *report = temp_read(shell.root, "webcam_model/run.json");
   const char *falloff = report;
@@ -157,7 +157,7 @@ TEST(test_webcam_training) {
   free(report);
   print_message("four webcams, 1 exposure: %.2f dB on their own views\n", psnr);
   assert_int_equal((int)number_of(shell.said, "views"), 4);
-  assert_true(psnr > 26.9);
+  assert_true(psnr > 26.0);
 }
 
 int main(void) {
