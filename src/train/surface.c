@@ -5,7 +5,7 @@
 
 #define ALPHA_MIN 0.5f // pixels of less alpha have no depth
 // A surface asks the same in each step: one of eight with eight times the weight gives the same
-// model for a tenth of a step's time (docs/notes/quality.md).
+// model for 4 % more time of a run instead of 60 % (docs/notes/quality.md).
 #define EVERY       8
 #define PARTNER_KEY 0x9d2cu
 
