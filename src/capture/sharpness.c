@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "src/capture/sharpness.h"
 
+#include <string.h>
+
 #include "src/base/mathx.h"
 
 #define BAND_ROWS 16 // of the image at half size
@@ -85,14 +87,15 @@ double sv_sharpness_share(sv_sharpness *s, const sv_sharpness_sums *sums) {
   const double mean = sums->n > 0 ? sums->luma / sums->n : 0;
   const double sharpness[2] = {sums->dx2, sums->dy2};
   const int n = sv_mini(s->n_seen, SV_SHARPNESS_RECENT);
-  double share = 1;
+  double share = 1, here[2];
   if (!(mean > SV_SHARPNESS_DARK)) return 1; // a covered lens is not what this is about
   for (int i = 0; i < 2; i++) {
-    const double here = sharpness[i] / (sums->n * mean * mean),
-                 before = n >= SV_SHARPNESS_FEWEST ? median(s->recent[i], n) : 0;
-    if (before > 0) share = sv_mind(share, here / before);
-    s->recent[i][s->n_seen % SV_SHARPNESS_RECENT] = here;
+    here[i] = sharpness[i] / (sums->n * mean * mean);
+    const double before = n >= SV_SHARPNESS_FEWEST ? sv_mind(median(s->recent[i], n), s->last_sharp[i]) : 0;
+    if (before > 0) share = sv_mind(share, here[i] / before);
+    s->recent[i][s->n_seen % SV_SHARPNESS_RECENT] = here[i];
   }
+  if (share >= SV_SHARPNESS_SHARE) memcpy(s->last_sharp, here, sizeof here);
   s->n_seen++;
   return share;
 }

@@ -3,7 +3,8 @@
 // luma at half size along x and along y, over its squared mean, so that exposure time and gain
 // cancel. Motion along one axis takes that axis's slopes alone, so each is compared by itself.
 // Owns rows of scratch and the newest values. Never judges one image alone: an exposure is blurred
-// when it is clearly less sharp than the median of those before it.
+// when it is clearly less sharp than the median of those before it, and than the last one that was
+// sharp: what comes into view may have less texture, but hands jerk at once.
 #ifndef SV_CAPTURE_SHARPNESS_H
 #define SV_CAPTURE_SHARPNESS_H
 
@@ -31,6 +32,7 @@ typedef struct {
   sv_sharpness_sums *band;               // [bands of the largest image]
   size_t cap_rows;                       // floats of a thread
   double recent[2][SV_SHARPNESS_RECENT]; // along x, y
+  double last_sharp[2];                  // of the last that was not blurred
   int n_seen;                            // exposures that were not too dark
 } sv_sharpness;
 
@@ -39,9 +41,10 @@ void sv_sharpness_carve(sv_sharpness *s, int cap_width_px, int cap_height_px, in
 // Adds an image (3 channels) to the sums of its exposure; pixels that its mask leaves out do not
 // count. The same bits for all kernels and any number of threads.
 void sv_sharpness_add(sv_sharpness *s, const sv_image_u8 *im, const sv_compute *c, sv_sharpness_sums *sums);
-// The sharpness of an exposure with these sums over the median of those before, along the axis
-// where it is less; 1: not judged. It counts among those that later ones are
-// compared with, blurred or not: who goes on moving fast is not left without exposures.
+// The sharpness of an exposure with these sums over the median of those before or, if that is less,
+// the last sharp one, along the axis where it is less sharp; 1: not judged. It counts among those
+// that later ones are compared with, blurred or not: who goes on moving fast is not left without
+// exposures.
 double sv_sharpness_share(sv_sharpness *s, const sv_sharpness_sums *sums);
 // Whether that makes it a blurred one.
 bool sv_sharpness_is_blurred(sv_sharpness *s, const sv_sharpness_sums *sums);

@@ -302,6 +302,16 @@ TEST(test_long) {
   assert_true(fabs(o[1].s.scale_sigma / o[0].s.scale_sigma - 1) < 0.2);
 }
 
+// Past the side of an object that shows too few corners nothing is located any more: matches that
+// agree by chance must not place the rest somewhere else (before: 2 m off).
+TEST(test_lost) {
+  outcome o = track_covered("occlusion,rig=phone,path=handheld,size=320x240", 40, ~0u, 18, 4);
+  print_message("lost: %d of 40 placed, %.3f %% of %.1f m, scale off by %.3f %%\n", o.s.n_placed,
+                o.ate_percent, o.s.path_m, 100 * o.scale_error);
+  assert_true(o.s.n_placed >= 18 && o.s.n_placed <= 36);
+  assert_true(o.ate_percent < 0.5);
+}
+
 // A rig with hardly any baseline says so; one camera alone is not placed.
 TEST(test_small_baseline) {
   outcome o = track("room,rig=stereo,angle=0.2,arc=20,path=smooth,size=320x240" NOISE, 12, ~0u);
@@ -444,6 +454,7 @@ int main(void) {
       cmocka_unit_test(test_small_baseline), cmocka_unit_test(test_still),
       cmocka_unit_test(test_still_covered),  cmocka_unit_test(test_same_bits),
       cmocka_unit_test(test_long),           cmocka_unit_test(test_run),
+      cmocka_unit_test(test_lost),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
