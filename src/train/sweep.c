@@ -326,7 +326,7 @@ static void sweep_task(void *arg, int i_task, int i_thread) {
             .stride = stride_of(m->view.width_px)};
   sv_transfer q[SV_SWEEP_CAP_SOURCES];
   const int n = BAND * b.stride;
-  if (b.y0 >= m->view.height_px) return;
+  if (b.y0 >= m->view.height_px || m->n_planes == 0) return;
   bool is_wide = false;
   for (int k = 0; k < m->n_sources; k++) {
     q[k] = sv_transfer_make(&j->s->map[m->source[k]].view, &m->view);

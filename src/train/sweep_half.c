@@ -35,6 +35,9 @@ void sv_sweep_half(const sv_depth_map *m, sv_depth_map *out) {
 }
 
 void sv_sweep_half_planes(const sv_depth_map *half, int n_planes, int x, int y, int *first, int *last) {
+  *first = 0;
+  *last = n_planes - 1;
+  if (half->n_planes == 0) return;
   const int x0 = sv_maxi(x / 2 - SPREAD, 0), x1 = sv_mini(x / 2 + 8 + SPREAD, half->view.width_px);
   const int y0 = sv_maxi(y / 2 - SPREAD, 0),
             y1 = sv_mini((y + SV_SWEEP_BAND) / 2 + SPREAD, half->view.height_px);
@@ -46,8 +49,6 @@ void sv_sweep_half_planes(const sv_depth_map *half, int n_planes, int x, int y, 
       n[(code - 1) / 256]++;
       n_all++;
     }
-  *first = 0;
-  *last = n_planes - 1;
   if (n_all <= 2 * N_STRAY) return;
   for (int k = n[least]; k <= N_STRAY; k += n[least]) least++;
   for (int k = n[most]; k <= N_STRAY; k += n[most]) most--;
