@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What users have goes in as it is: subview-lab train recognizes captures, COLMAP folders and
 // archives, and imports them once; pictures without a capture.json replay.
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "tests/common/lab_shell.h"
@@ -43,6 +45,13 @@ TEST(test_capture) {
 TEST(test_dataset_stays) {
   lab_shell_need(&shell);
   lab_shell_run_well(&shell, TRAIN "--data ds --out b --quiet && test ! -e b/data");
+}
+
+TEST(test_capture_without_rig) {
+  lab_shell_need(&shell);
+  lab_shell_run_well(&shell, "cp -r cap bare && rm -r bare/rig && sed -i '/^\"rig\":/d' bare/capture.json");
+  expect(1, "names no rig; 'subview-lab train --data bare --rig RIG'", TRAIN "--data bare --out n");
+  expect(0, "bare: a capture; importing to n/data", TRAIN "--data bare --rig cap/rig --out n");
 }
 
 // A COLMAP text model of one pinhole camera.
@@ -108,10 +117,63 @@ TEST(test_pictures) {
   expect(1, "other: holds neither capture.json nor pictures", RUN "other --check");
 }
 
+static double score(const char *data) {
+  char line[160];
+  snprintf(line, sizeof line,
+           "@ train --data %s --gaussians 2000 --steps 300 --threads 1 --eval --quiet --json --out score",
+           data);
+  lab_shell_run_well(&shell, line);
+  const char *at = strstr(shell.said, "\"psnr\": ");
+  assert_non_null(at);
+  return strtod(at + 8, NULL);
+}
+
+// A rig in a hand: folders of pictures in another order than the rig's cameras, which it finds by
+// their names. Odometry's poses are as good as the true ones.
+TEST(test_pictures_of_a_moving_rig) {
+  lab_shell_need(&shell);
+  lab_shell_run_well(&shell,
+                     "$(dirname @)/subview capture --source sim:room,rig=phone,size=320x240,fps=10,arc=50 "
+                     "--exposures 12 --quiet --out walk && mkdir hand && "
+                     "cp -r walk/wide walk/ultrawide walk/tele hand");
+  expect(1, "hand: pictures of 3 cameras need --rig RIG", TRAIN "--data hand --out j");
+  expect(0, "odometry: located 12 of 12 exposures", TRAIN "--data hand --rig walk/rig --out j");
+  assert_contains(shell.said, "hand: pictures of a rig's cameras; importing to j/data");
+  expect(0, "imported before: j/data", TRAIN "--data hand --rig walk/rig --out j");
+  lab_shell_run_well(&shell, "touch -d '2040-01-01' hand/tele");
+  expect(0, "importing to j/data", TRAIN "--data hand --rig walk/rig --out j");
+  lab_shell_run_well(&shell, "mv hand/tele hand/zoom");
+  expect(1, "hand: its folders are ultrawide, wide, zoom; expected one named tele",
+         TRAIN "--data hand --rig walk/rig --out k");
+  lab_shell_run_well(&shell, "rm -r hand/zoom hand/wide");
+  expect(1, "expected transforms.json", TRAIN "--data hand --out k");
+  expect(1, "hand/ultrawide: holds pictures of one camera without poses; run COLMAP",
+         TRAIN "--data hand/ultrawide --out k");
+  lab_shell_run_well(&shell, "@ import --from capture walk --quiet --out true");
+  const double known = score("true"), found = score("j/data");
+  print_message("%.2f dB with known poses, %.2f dB with those found\n", known, found);
+  assert_true(found > known - 1);
+}
+
+TEST(test_pictures_of_a_standing_rig) {
+  lab_shell_need(&shell);
+  lab_shell_run_well(&shell, "$(dirname @)/subview capture --source "
+                             "sim:textured,rig=stereo,size=160x120,fps=10,arc=0,exposures=100000 "
+                             "--exposures 8 --quiet --out stand && mkdir tripod && "
+                             "cp -r stand/left stand/right stand/rig tripod");
+  expect(0, "odometry: stationary rig", TRAIN "--data tripod --out m");
+}
+
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_capture), cmocka_unit_test(test_dataset_stays),
-                                     cmocka_unit_test(test_colmap),  cmocka_unit_test(test_zip),
-                                     cmocka_unit_test(test_open),    cmocka_unit_test(test_nothing),
-                                     cmocka_unit_test(test_pictures)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_capture),
+                                     cmocka_unit_test(test_dataset_stays),
+                                     cmocka_unit_test(test_capture_without_rig),
+                                     cmocka_unit_test(test_colmap),
+                                     cmocka_unit_test(test_zip),
+                                     cmocka_unit_test(test_open),
+                                     cmocka_unit_test(test_nothing),
+                                     cmocka_unit_test(test_pictures),
+                                     cmocka_unit_test(test_pictures_of_a_moving_rig),
+                                     cmocka_unit_test(test_pictures_of_a_standing_rig)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -110,7 +110,7 @@ static sv_status import(const lab_options *o, lab_session *se, sv_err *err) {
                 : sv_str_eq(o->from, "colmap")  ? lab_import_colmap(&im, o->input, err)
                 : sv_str_eq(o->from, "lenslet") || sv_str_eq(o->from, "lytro")
                     ? lab_import_lenslet(&im, o, se, err)
-                : sv_str_eq(o->from, "capture") ? lab_import_capture(&im, o->input, err)
+                : sv_str_eq(o->from, "capture") ? lab_import_capture(&im, o->input, NULL, se, err)
                                                 : lab_import_transforms(&im, o->input, err);
   if (s == SV_OK && im.n == 0) s = sv_fail(err, SV_E_NOT_FOUND, "%s: contains no views", o->input);
   if (s == SV_OK) s = improve(&im, o, se, err);

@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 
@@ -19,7 +20,7 @@
 
 extern char **environ;
 
-typedef enum { NOTHING, DATASET, COLMAP, CAPTURE, BOARD, QCA, CLIPS } kind;
+typedef enum { NOTHING, DATASET, COLMAP, CAPTURE, BOARD, QCA, CLIPS, PICTURES } kind;
 
 static const char *const kind_names[] = {"nothing",
                                          "a dataset",
@@ -27,7 +28,8 @@ static const char *const kind_names[] = {"nothing",
                                          "a capture",
                                          "a recording with camera_array.toml",
                                          "a recording with a Qualisys calibration",
-                                         "clips of several cameras"};
+                                         "clips of several cameras",
+                                         "pictures of a rig's cameras"};
 
 static bool has(const char *dir, const char *name, char path[SV_CAP_PATH]) {
   return sv_path_join(path, SV_CAP_PATH, dir, name, NULL) == SV_OK && sv_path_exists(path);
@@ -42,14 +44,50 @@ static bool has_clips(const char *dir) {
   return n > 1;
 }
 
-// What a folder holds, and the file that tells; of clips, the folder.
+static bool is_picture(const char *name) {
+  const char *end = sv_path_extension(name);
+  return !strcasecmp(end, ".jpg") || !strcasecmp(end, ".jpeg") || !strcasecmp(end, ".png");
+}
+
+static bool has_pictures(const char *dir) {
+  sv_names names;
+  bool is_found = false;
+  if (sv_folder_list(dir, &names, NULL) != SV_OK) return false;
+  for (int i = 0; i < names.n; i++) is_found |= is_picture(names.names[i]);
+  sv_names_free(&names);
+  return is_found;
+}
+
+static bool has_folders_of_pictures(const char *dir, char newest[SV_CAP_PATH]) {
+  char path[SV_CAP_PATH], rig[SV_CAP_PATH];
+  struct stat st, last = {0};
+  sv_names names;
+  int n = 0;
+  if (sv_folder_list(dir, &names, NULL) != SV_OK) return false;
+  for (int i = 0; i < names.n; i++) {
+    if (!has(dir, names.names[i], path) || stat(path, &st) != 0 || !S_ISDIR(st.st_mode) ||
+        has(path, "rig.json", rig) || !has_pictures(path))
+      continue;
+    if (n++ == 0 || st.st_mtim.tv_sec > last.st_mtim.tv_sec ||
+        (st.st_mtim.tv_sec == last.st_mtim.tv_sec && st.st_mtim.tv_nsec > last.st_mtim.tv_nsec)) {
+      last = st;
+      sv_copy(newest, SV_CAP_PATH, path);
+    }
+  }
+  sv_names_free(&names);
+  return n > 1;
+}
+
+// What a folder holds, and the file that tells; of clips, the folder, of pictures, the camera's
+// folder that changed last.
 static kind kind_of(const char *dir, char mark[SV_CAP_PATH]) {
   if (has(dir, "transforms_train.json", mark) || has(dir, "transforms.json", mark)) return DATASET;
   if (has(dir, "capture.json", mark)) return CAPTURE;
   if (has(dir, "camera_array.toml", mark)) return BOARD;
   if (has(dir, "Calib.qca.txt", mark)) return QCA;
   if (lab_import_colmap_model(dir, mark)) return COLMAP;
-  return has_clips(dir) && sv_copy(mark, SV_CAP_PATH, dir) ? CLIPS : NOTHING;
+  if (has_clips(dir) && sv_copy(mark, SV_CAP_PATH, dir)) return CLIPS;
+  return has_folders_of_pictures(dir, mark) ? PICTURES : NOTHING;
 }
 
 // --- the note beside a folder of ours: is it of these files? ---------------------------------
@@ -128,7 +166,13 @@ static bool has_other_transforms(const char *dir) {
 }
 
 static sv_status no_dataset(const char *dir, sv_err *err) {
-  char list[56] = "";
+  char list[56] = "", mark[SV_CAP_PATH];
+  if (has_pictures(dir) || (has(dir, "images", mark) && has_pictures(mark)))
+    return sv_fail(
+        err, SV_E_NOT_FOUND,
+        "%.80s: holds pictures of one camera without poses; run COLMAP on them and give its folder "
+        "(images/ and sparse/0/), or pictures of a rig in one folder a camera with --rig",
+        dir);
   sv_str t = sv_str_make(list, sizeof list);
   sv_names names;
   if (sv_folder_list(dir, &names, NULL) == SV_OK) {
@@ -139,7 +183,7 @@ static sv_status no_dataset(const char *dir, sv_err *err) {
   return sv_fail(
       err, SV_E_NOT_FOUND,
       "%.50s: holds %s; expected transforms.json, sparse/0/ (COLMAP), capture.json, camera_array.toml, "
-      "Calib.qca.txt or clips; of pictures alone 'subview run --source replay:' finds poses",
+      "Calib.qca.txt, or clips or folders of pictures, one a camera, with --rig",
       dir, *list ? list : "nothing");
 }
 
@@ -154,10 +198,6 @@ static sv_status make_capture(kind k, const lab_options *o, lab_session *se, cha
     clips.input = dir;
     clips.out = out;
     if (!o->rig) return sv_fail(err, SV_E_ARG, "%s: clips need --rig RIG, the rig of their cameras", dir);
-    lab_say(se,
-            "taking the cameras as standing still; of cameras that moved, 'subview run --source replay:%s' "
-            "finds poses",
-            out);
     s = lab_import_multicam(&clips, se, err);
   } else if (s == SV_OK) s = k == QCA ? sv_import_qca(&job, err) : sv_import_4cam_board(&job, err);
   if (s == SV_OK) sv_copy(dir, SV_CAP_PATH, out);
@@ -168,7 +208,9 @@ static sv_status import(kind k, const lab_options *o, lab_session *se, char dir[
                         sv_err *err) {
   lab_import im = {0};
   sv_status s = k == BOARD || k == QCA || k == CLIPS ? make_capture(k, o, se, dir, err) : SV_OK;
-  if (s == SV_OK) s = k == COLMAP ? lab_import_colmap(&im, dir, err) : lab_import_capture(&im, dir, err);
+  if (s == SV_OK)
+    s = k == COLMAP ? lab_import_colmap(&im, dir, err)
+                    : lab_import_capture(&im, dir, k == CAPTURE || k == PICTURES ? o->rig : NULL, se, err);
   if (s == SV_OK) s = lab_import_write(&im, se, to, err);
   lab_import_free(&im);
   return s;
@@ -180,7 +222,8 @@ static sv_status import_to(kind k, const lab_options *o, char dir[SV_CAP_PATH], 
   lab_session se;
   note_of(k, mark, note);
   const size_t len = strlen(note);
-  if (k == CLIPS) sv_fmt(note + len, sizeof note - len, "%s %g\n", o->rig ? o->rig : "", o->every_s);
+  if (k == CLIPS || k == PICTURES)
+    sv_fmt(note + len, sizeof note - len, "%s %g\n", o->rig ? o->rig : "", o->every_s);
   sv_status s = lab_session_start(&se, 1, o->is_quiet, err);
   if (s != SV_OK) return s;
   const bool is_there = is_noted(to, note);

@@ -101,6 +101,9 @@ sv_status lab_import_multicam(const lab_options *o, lab_session *se, sv_err *err
 sv_status lab_import_rosbag(const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;
 // A spatial video (tools/import/spatial.h) -> a capture folder with its rig.
 sv_status lab_import_spatial(const lab_options *o, lab_session *se, sv_err *err) SV_MUST_USE;
-sv_status lab_import_capture(lab_import *im, const char *dir, sv_err *err) SV_MUST_USE;
+// A capture folder, or a folder of pictures for each camera (named as the rig's sub-view). rig: a
+// rig folder; NULL: that of the capture. Where the capture tells no poses, odometry finds them.
+sv_status lab_import_capture(lab_import *im, const char *dir, const char *rig, lab_session *se,
+                             sv_err *err) SV_MUST_USE;
 
 #endif

@@ -177,15 +177,17 @@ static const sv_option table[] = {
      "output folder, or a film: NAME.mp4, NAME.webm, NAME.webp", 0, 0, 0},
     HEADING("Data"),
     {"data", SV_OPT_TEXT, LAB_TRAIN, LAB_TRAIN, AT(data), "DIR",
-     "dataset: a folder with transforms JSON and images, a COLMAP folder, a capture, clips with --rig, or a "
-     ".zip of one",
+     "dataset: a folder with transforms JSON and images, a COLMAP folder, a capture, clips or folders of "
+     "pictures (one a camera) with --rig, or a .zip of one",
      0, 0, 0},
     {"transforms", SV_OPT_TEXT, DATA | LAB_INFO, 0, AT(transforms), "FILE",
      "training file [transforms_train.json, else transforms.json with every 8th view held out]", 0, 0, 0},
     {"exposures", SV_OPT_INT, LAB_TRAIN, 0, AT(exposures), "N",
      "train on N exposures: the first N, or without exposure numbers the N most dispersed views", 1, 1e6, 0},
     {"rig", SV_OPT_TEXT, LAB_TRAIN, 0, AT(rig), "DIR",
-     "--data is a folder of clips, one a camera of this rig, which stood still", 0, 0, 0},
+     "the rig of --data's clips (left.mp4, right.mp4) or folders of pictures (left/*.jpg, right/*.jpg), "
+     "which have the names of its cameras, or of a capture without one",
+     0, 0, 0},
     {"every", SV_OPT_REAL, LAB_TRAIN, 0, AT(every_s), "SEC",
      "clips: keep one exposure in so many seconds [all]", 0.001, 1e6, 0},
     {"masks", SV_OPT_TEXT, LAB_TRAIN | LAB_EVAL, 0, AT(masks), "DIR",

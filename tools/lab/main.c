@@ -91,7 +91,8 @@ static const lab_command commands[] = {
     {{"import", "--from KIND DIR --out DIR [options]", "convert other data to a dataset",
       "Converts DIR to a dataset that train reads (transforms.json, images/, and points3d.ply if there are "
       "points):\n  colmap            text or binary model, also in sparse/0\n  nerfstudio, blender  "
-      "transforms JSON\n  capture           a capture folder with its rig\n  multicam          a folder of "
+      "transforms JSON\n  capture           a capture folder with its rig; odometry finds poses it lacks\n  "
+      "multicam          a folder of "
       "clips "
       "(.mp4, .mov, ...), one a camera, to a capture folder on one clock, by ffmpeg\n  "
       "spatial           a spatial video (.mov with a left and a right eye), to a capture folder with a "
