@@ -12,7 +12,7 @@
 #include "platform/linux/linux.h"
 #include "src/base/str.h"
 
-#define MEMORY_BYTES ((rlim_t)512 << 20) // SOG of 200,000 Gaussians of degree 3 takes 156 MiB
+#define MEMORY_BYTES ((rlim_t)512 << 20) // SOG of 200,000 Gaussians of degree 3 takes 210 MiB
 #define NICE         19
 
 const char *sv_linux_export_format(int i) {

@@ -11,6 +11,7 @@
 #include "tools/lab/lab.h"
 #include "tools/lab/model_formats.h"
 #include "tools/lab/sequence.h"
+#include "tools/pictures/orbit.h"
 #include "tools/pictures/supported.h"
 #include "tools/train/support_mask.h"
 
@@ -118,20 +119,66 @@ static sv_status crop(lab_model *m, const char *text, sv_err *err) {
   return SV_OK;
 }
 
-// --- the command ---------------------------------------------------------------------------------
+// --- SOG -----------------------------------------------------------------------------------------
 
-#define N_FRAMES 25 // of delta and sequence, unless --frames says otherwise
+#define JUDGE_WIDTH_PX 256
+#define INVISIBLE_DB   52.0 // PSNR against the model, where its own PSNR is not known
+// Above the model's PSNR: error that costs it 0.1 dB.
+#define ABOVE_MODEL_DB 16.3
+
+// Cameras that the loss is measured with: at the places of training views, else around the model.
+static sv_status judge_views(sog_judge *j, const lab_settings *st, const lab_model *m, const lab_seen *seen,
+                             sv_err *err) {
+  lab_orbit orbit = lab_orbit_of_model(m, st, JUDGE_WIDTH_PX);
+  const double height = orbit.height;
+  double up[3], centre[3];
+  sv_status s = SV_OK;
+  for (int k = 0; k < 3; k++) {
+    up[k] = (double)orbit.scene.up[k];
+    centre[k] = (double)st->centre[k];
+  }
+  for (int v = 0; s == SV_OK && v < SOG_CAP_VIEWS; v++, j->n_views++) {
+    sv_pose pose;
+    const sv_view *l = &orbit.lens;
+    const double pinhole[4] = {(double)l->fx, (double)l->fy, (double)l->cx, (double)l->cy};
+    orbit.height = v % 2 ? height : 0;
+    if (seen->n_views && sv_pose_look_at(&pose, seen->eye[v * seen->n_views / SOG_CAP_VIEWS], centre, up))
+      j->view[v] = sv_view_make(l->width_px, l->height_px, pinhole, &pose);
+    else s = lab_orbit_view(&orbit, (double)v / SOG_CAP_VIEWS, &j->view[v], err);
+  }
+  return s;
+}
 
 static sv_status write_sog(const lab_options *o, lab_model *m, lab_session *se, const char *path,
                            sv_err *err) {
   seen_by by = {0};
-  sv_status s = o->data ? ask_views(&by, o, m, se, err) : SV_OK;
+  lab_settings st;
+  sv_turn t;
+  sv_status s = lab_settings_for(&st, o, m, err);
+  if (s == SV_OK && o->data) s = ask_views(&by, o, m, se, err);
+  if (s != SV_OK) {
+    free(by.weight);
+    return s;
+  }
+  double centre[3];
+  sv_turn_between(&t, *m->up ? m->up : SV_UP_DEFAULT, up_of_viewer(o));
+  for (int k = 0; k < 3; k++) centre[k] = (double)st.centre[k];
+  if (!t.is_none) sv_apply33(centre, t.r, centre);
+  for (int k = 0; k < 3; k++) st.centre[k] = (float)centre[k];
   turn(m, up_of_viewer(o), &by.seen);
   const sv_model_notes notes = lab_model_notes(m);
-  if (s == SV_OK) s = lab_write_sog(&m->g, &notes, by.seen.n_views ? &by.seen : NULL, &se->pool, path, err);
+  sog_judge judge = {.session = se,
+                     .render = lab_render_options(&st, m->g.sh_degree, false),
+                     .target_db = st.psnr > 0 ? (double)st.psnr + ABOVE_MODEL_DB : INVISIBLE_DB};
+  s = judge_views(&judge, &st, m, &by.seen, err);
+  if (s == SV_OK) s = lab_write_sog(&m->g, &notes, by.seen.n_views ? &by.seen : NULL, &judge, path, err);
   free(by.weight);
   return s;
 }
+
+// --- the command ---------------------------------------------------------------------------------
+
+#define N_FRAMES 25 // of delta and sequence, unless --frames says otherwise
 
 // One still model, or one instant of a moving one.
 static sv_status write_still(const lab_options *o, lab_model *m, lab_session *se, const char *path,

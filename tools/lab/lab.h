@@ -116,9 +116,10 @@ typedef struct {
   float dilation_px2;
   float near_z;            // 0: from the model
   float centre[3], radius; // of the scene; radius 0: from the model
+  float psnr;              // dB of held-out views, or of training views; 0: not known
 } lab_settings;
 lab_settings lab_settings_default(void);
-// Reads FOLDER-of-model/train.json into *out if it is there.
+// Reads FOLDER-of-model/train.json into *out if it is there, and the PSNR of a run from run.json.
 sv_status lab_settings_read(lab_settings *out, const char *model_path, sv_err *err) SV_MUST_USE;
 // The same, then replaced by what the options say; near_z and bounds are completed from the model.
 sv_status lab_settings_for(lab_settings *out, const lab_options *o, const lab_model *m,

@@ -198,6 +198,7 @@ static sv_status settings_parse(lab_settings *st, const sv_json *j, sv_err *err)
   if (s >= 0) s = get_float(j, "dilation_px2", &st->dilation_px2, err);
   if (s >= 0) s = get_float(j, "near_z", &st->near_z, err);
   if (s >= 0) s = get_float(j, "scene_radius", &st->radius, err);
+  if (s >= 0 && get_float(j, "psnr", &st->psnr, err) < 0) st->psnr = 0; // null: no views
   if (s >= 0 && k >= 0 && (s = sv_json_doubles(j, k, c, 3, err)) == SV_OK)
     for (int d = 0; d < 3; d++) st->centre[d] = (float)c[d];
   st->background = lab_background_by_name(name);
@@ -206,29 +207,44 @@ static sv_status settings_parse(lab_settings *st, const sv_json *j, sv_err *err)
   return s < 0 ? s : SV_OK;
 }
 
-sv_status lab_settings_read(lab_settings *out, const char *model_path, sv_err *err) {
-  char folder[SV_CAP_PATH], path[SV_CAP_PATH];
+static sv_status run_parse(lab_settings *st, const sv_json *j, sv_err *err) {
+  const sv_status s = get_float(j, "train_psnr", &st->psnr, err);
+  return s < 0 ? s : SV_OK;
+}
+
+typedef sv_status parse(lab_settings *st, const sv_json *j, sv_err *err);
+
+static sv_status read_report(lab_settings *out, const char *path, parse *with, sv_err *err) {
   void *text;
   size_t bytes;
   int n_tok;
   sv_json j;
-  sv_path_folder(folder, sizeof folder, model_path);
-  sv_status s = sv_path_join(path, sizeof path, folder, "train.json", err);
-  if (s != SV_OK || !sv_path_exists(path)) return s;
-  if ((s = sv_file_read(path, &text, &bytes, err)) != SV_OK) return s;
+  sv_status s = sv_file_read(path, &text, &bytes, err);
+  if (s != SV_OK) return s;
   jsmntok_t *tok = NULL;
   s = sv_json_count(path, text, bytes, &n_tok, err);
   if (s == SV_OK && !(tok = malloc(((size_t)n_tok + 1) * sizeof *tok)))
     s = sv_fail(err, SV_E_NOMEM, "%s: no memory for its %d JSON tokens", path, n_tok);
   if (s == SV_OK) s = sv_json_parse(&j, &(sv_file_data){path, text, bytes}, tok, n_tok, err);
-  if (s == SV_OK) s = settings_parse(out, &j, err);
+  if (s == SV_OK) s = with(out, &j, err);
+  free(tok);
+  free(text);
+  return s;
+}
+
+sv_status lab_settings_read(lab_settings *out, const char *model_path, sv_err *err) {
+  char folder[SV_CAP_PATH], path[SV_CAP_PATH];
+  sv_path_folder(folder, sizeof folder, model_path);
+  sv_status s = sv_path_join(path, sizeof path, folder, "run.json", err);
+  if (s == SV_OK && sv_path_exists(path) && read_report(out, path, run_parse, err) != SV_OK) out->psnr = 0;
+  if (s == SV_OK) s = sv_path_join(path, sizeof path, folder, "train.json", err);
+  if (s != SV_OK || !sv_path_exists(path)) return s;
+  s = read_report(out, path, settings_parse, err);
   sv_copy(out->told_by, sizeof out->told_by, path);
   if (s == SV_OK && *out->refined) {
     sv_copy(path, sizeof path, sv_path_name(out->refined));
     s = sv_path_join(out->refined, sizeof out->refined, folder, path, err);
   }
-  free(tok);
-  free(text);
   return s;
 }
 
