@@ -12,10 +12,9 @@
 #define MIN_MATCHES 10  // minimum matches that locate a rig
 #define MIN_SHARE   0.3 // minimum share of the re-detected points
 
-// Chance alone brings up to 14 matches to agree, of 11 to 29: fewer than these must be most of all,
-// and the exposure before must have been located, too.
-#define FEW_MATCHES 20
-#define FEW_SHARE   0.75
+// Chance alone brings up to 14 matches to agree. After a gap, where the rig may be anywhere, fewer
+// than these locate nothing.
+#define MIN_AFTER_GAP 16
 
 #define LIMIT_PX     2.0
 #define N_SAMPLES    60
@@ -228,10 +227,8 @@ int sv_track_place(sv_tracker *t, int e, sv_pose *pose) {
   int n_in = sv_pose_find(&p, pose);
   for (int i = 0; i < p.n; i++) // outliers are dropped
     if (!t->match[i].is_inlier) t->found[t->match_of[i]].sigma_px = 0;
-  const bool is_few = n_in < FEW_MATCHES;
-  const bool is_lost = t->i_last + 1 < e;
-  if (n_in < MIN_MATCHES || (is_few && is_lost)) return 0;
-  return n_in >= (is_few ? FEW_SHARE : MIN_SHARE) * p.n ? n_in : 0;
+  const bool is_after_gap = t->i_last + 1 < e;
+  return n_in >= (is_after_gap ? MIN_AFTER_GAP : MIN_MATCHES) && n_in >= MIN_SHARE * p.n ? n_in : 0;
 }
 
 static void take_found(sv_tracker *t) {

@@ -237,7 +237,7 @@ TEST(test_bad_images) {
 
 // In a hand: odometry places each exposure as it comes, and its points say where the scene is.
 TEST(test_unknown_poses) {
-  world_open_well(&w, "textured,rig=stereo,path=handheld,arc=120,poses=unknown,size=320x240,exposures=30", 8,
+  world_open_well(&w, "textured,rig=stereo,path=handheld,arc=60,poses=unknown,size=320x240,exposures=30", 8,
                   ~0u, 2);
   w.cfg.is_tracking = true;
   w.cfg.train.n_gaussians = 500;
