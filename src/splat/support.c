@@ -114,14 +114,14 @@ sv_support_value sv_support_of(const sv_support *s, const sv_gaussians *g, int i
     bool is_new = true;
     for (int c = 0; c < 3; c++) {
       to[c] = s->eye[k][c] - *sv_gaussians_at(g, i, SV_ROW_MEAN + c);
-      square = fmaf(to[c], to[c], square);
+      square += to[c] * to[c];
     }
     const float inverse = square > 0.0f ? 1.0f / sqrtf(square) : 0.0f;
     for (int c = 0; c < 3; c++) to[c] *= inverse;
     for (int m = 0; m < v.n_views; m++) {
       is_new &= s->exposure[k] < 0 || exposure[m] != s->exposure[k];
       const float *at = way[m];
-      least = sv_minf(least, fmaf(at[0], to[0], fmaf(at[1], to[1], at[2] * to[2])));
+      least = sv_minf(least, at[0] * to[0] + at[1] * to[1] + at[2] * to[2]);
     }
     exposure[v.n_views++] = s->exposure[k];
     v.n_exposures += is_new;

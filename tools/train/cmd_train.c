@@ -43,7 +43,7 @@ typedef struct {
   long n_steps;                         // wanted; 0: by time
   double limit_s;                       // 0: by steps
   double load_s, eval_s, measured_psnr; // measured: of multiplexed measurements
-  sv_support_summary support;           // of still scenes
+  sv_support_summary support;           // of still scenes, with --eval
   bool is_stopped, has_scores, has_time_scores;
   sv_render_options render;       // of the finished model
   lab_scores scores, time_scores; // time: of held-out times of the training cameras
@@ -314,7 +314,7 @@ static sv_status train(run *r, sv_err *err) {
     return sv_fail(err, SV_E_INTERRUPTED, "stopped by request before the first step");
   if (s < 0 && !r->is_stopped) return s;
   r->render = sv_train_render_options(t, 1.0f, false);
-  if (!t->cfg.has_motion) {
+  if (!t->cfg.has_motion && r->o->is_eval) {
     sv_arena scratch = r->plan.scratch;
     sv_support support;
     if ((s = sv_driver_support(t, &scratch, &support)) < 0)
