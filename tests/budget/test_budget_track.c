@@ -8,7 +8,7 @@
 #include "src/track/tracker.h"
 #include "tests/common/test.h"
 
-#define BUDGET_MS 4.0
+#define BUDGET_MS 16.0 // quiet machines take 2.5 (Intel) and 6 (AMD)
 #define N_BYTES   (640 * 480 * 3)
 
 static uint8_t block[64 << 20], picture[2][2][N_BYTES];
