@@ -133,7 +133,7 @@ static uint8_t *drawn(const char *file) {
   assert_non_null(black);
   for (int i = 0; i < 60; i++) {
     usleep(500000);
-    if (!browser_screenshot(&b, line)) continue; // busy: it may draw for longer than an answer may take
+    if (!browser_screenshot(&b, line)) continue; // it may draw for longer than it may answer
     uint8_t *before = now;
     now = pixels("drawn.png");
     const bool is_still = before && difference(now, black) > 3 && difference(now, before) == 0;
