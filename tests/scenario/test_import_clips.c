@@ -111,6 +111,7 @@ TEST(test_sound) {
 TEST(test_train) {
   lab_shell_need(&shell);
   expect(1, "clips need --rig RIG", "@ train --data heard --steps 5 --out t");
+  expect(1, "is one clip; --data takes a folder", "@ train --data heard/left.mp4 --steps 5 --out t");
 #define TRAIN(every)                                                                                         \
   "@ train --data heard --rig cap/rig --every " every " --gaussians 200 --steps 5 --threads 1 --out t"
   expect(0, "clips of several cameras; importing to t/data", TRAIN("0.5"));

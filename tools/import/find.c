@@ -249,7 +249,12 @@ sv_status lab_find_dataset(const lab_options *o, char folder[SV_CAP_PATH], sv_er
     if (s == SV_OK) s = sv_path_join(dir, sizeof dir, o->out, "unpacked", err);
     if (s == SV_OK) s = unpack(o->data, dir, err);
     if (s == SV_OK) s = step_inside(dir, err);
-  } else if (!sv_path_is_folder(o->data)) return SV_OK;
+  } else if (!sv_path_is_folder(o->data)) {
+    return lab_import_is_clip(o->data)
+               ? sv_fail(err, SV_E_ARG,
+                         "%s is one clip; --data takes a folder of clips, one a camera, with --rig", o->data)
+               : SV_OK;
+  }
   if (s != SV_OK) return s;
   const kind k = kind_of(dir, mark);
   sv_copy(folder, SV_CAP_PATH, dir);
