@@ -115,7 +115,7 @@ static bool is_count(int32_t n) { return n >= 0 && n <= SV_CAP_MOTION_FUNCTIONS;
 
 static bool is_good_clip(const sv_deform_head *h) {
   return is_count(h->n_pos) && is_count(h->n_rot) && is_count(h->n_colour) &&
-         h->functions >= SV_MOTION_CHEBYSHEV && h->functions <= SV_MOTION_POWERS && h->t0 >= -1e9f &&
+         (h->functions == SV_MOTION_CHEBYSHEV || h->functions == SV_MOTION_POWERS) && h->t0 >= -1e9f &&
          h->t0 <= 1e9f;
 }
 

@@ -329,24 +329,23 @@ void sv_field_bwd_block(sv_field *f, const sv_kernels *k, int b, int i_thread, u
 
 // --- plane losses --------------------------------------------------------------------------------
 
-// Values along one axis of a plane: n_lines lines of n points, `stride` floats from one to the
-// next.
+// A plane [n][n_lines][n_channels], whose values change along the second axis in n_lines lines of n
+// points.
 typedef struct {
   const float *p;
   int n_lines, n, n_channels;
-  size_t line, stride;
-} along;
+} lines;
 
-// weight times the mean square of first or second differences (order 1, 2) along lines.
-static double differences(const along *a, int order, float weight) {
-  double sum = 0, count = (double)a->n_lines * (a->n - order) * a->n_channels;
-  if (a->n <= order) return 0;
+// weight times the mean square of second differences along lines.
+static double differences(const lines *a, float weight) {
+  const size_t row = (size_t)a->n_lines * (size_t)a->n_channels;
+  double sum = 0, count = (double)a->n_lines * (a->n - 2) * a->n_channels;
+  if (a->n <= 2) return 0;
   for (int i = 0; i < a->n_lines; i++)
-    for (int j = 0; j + order < a->n; j++)
+    for (int j = 0; j + 2 < a->n; j++)
       for (int ch = 0; ch < a->n_channels; ch++) {
-        const float *p = a->p + (size_t)i * a->line + (size_t)j * a->stride + ch;
-        float d = p[a->stride] - p[0];
-        if (order == 2) d = p[2 * a->stride] - 2.0f * p[a->stride] + p[0];
+        const float *p = a->p + (size_t)j * row + (size_t)i * (size_t)a->n_channels + ch;
+        float d = p[2 * row] - 2.0f * p[row] + p[0];
         sum += (double)d * (double)d;
       }
   return (double)weight * sum / count;
@@ -354,28 +353,21 @@ static double differences(const along *a, int order, float weight) {
 
 // Their gradient, added. Apart from the value, which training does not ask for: this is of every
 // step.
-static void differences_bwd(const along *a, int order, float weight, float *restrict grad) {
-  if (a->n <= order) return;
-  const size_t st = a->stride;
-  float scale = (float)(2.0 * (double)weight / ((double)a->n_lines * (a->n - order) * a->n_channels));
+static void differences_bwd(const lines *a, float weight, float *restrict grad) {
+  if (a->n <= 2) return;
+  const size_t n_f = (size_t)a->n_channels, row = (size_t)a->n_lines * n_f;
+  float scale = (float)(2.0 * (double)weight / ((double)a->n_lines * (a->n - 2) * a->n_channels));
   for (int i = 0; i < a->n_lines; i++)
-    for (int j = 0; j + order < a->n; j++) {
-      const float *restrict p = a->p + (size_t)i * a->line + (size_t)j * st;
+    for (int j = 0; j + 2 < a->n; j++) {
+      const float *restrict p = a->p + (size_t)j * row + (size_t)i * n_f;
       float *restrict g = grad + (p - a->p);
-      if (order == 1)
-        for (int ch = 0; ch < a->n_channels; ch++) {
-          float s = scale * (p[st + (size_t)ch] - p[ch]);
-          g[ch] -= s;
-          g[st + (size_t)ch] += s;
-        }
-      else
-        for (int ch = 0; ch < a->n_channels; ch++) {
-          size_t mid = st + (size_t)ch, far = st + mid;
-          float s = scale * (p[far] - 2.0f * p[mid] + p[ch]);
-          g[ch] += s;
-          g[mid] -= 2.0f * s;
-          g[far] += s;
-        }
+      for (size_t ch = 0; ch < n_f; ch++) {
+        size_t mid = row + ch, far = row + mid;
+        float s = scale * (p[far] - 2.0f * p[mid] + p[ch]);
+        g[ch] += s;
+        g[mid] -= 2.0f * s;
+        g[far] += s;
+      }
     }
 }
 
@@ -389,38 +381,29 @@ static double l1(const float *p, size_t n) {
   return sum / (double)n;
 }
 
-// Along the second axis of a plane and along the first one.
-static void lines_of(const sv_field *f, int l, int plane, along *second, along *first) {
+static lines lines_of(const sv_field *f, int l, int plane) {
   const sv_field_cfg *c = &f->cfg;
-  int n0 = res_of(c, l, axes[plane][0]), n1 = res_of(c, l, axes[plane][1]), n_f = c->n_channels;
-  size_t point = (size_t)n_f, row = (size_t)n0 * point;
-  *second = (along){f->param + f->plane_at[l][plane], n0, n1, n_f, point, row};
-  *first = (along){second->p, n1, n0, n_f, row, point};
+  return (lines){f->param + f->plane_at[l][plane], res_of(c, l, axes[plane][0]), res_of(c, l, axes[plane][1]),
+                 c->n_channels};
 }
 
 double sv_field_plane_loss(const sv_field *f, int l, int plane) {
   const sv_field_cfg *c = &f->cfg;
-  along second, first;
-  lines_of(f, l, plane, &second, &first);
-  if (axes[plane][1] == 3)
-    return differences(&second, 2, c->smooth) + (double)c->l1_time * l1(second.p, f->plane_n[l][plane]);
-  if (c->tv_kind == SV_FIELD_TV_CODED) return differences(&second, 2, c->tv);
-  return differences(&second, 1, 2.0f * c->tv) + differences(&first, 1, 2.0f * c->tv);
+  const lines a = lines_of(f, l, plane);
+  if (axes[plane][1] != 3) return differences(&a, c->tv);
+  return differences(&a, c->smooth) + (double)c->l1_time * l1(a.p, f->plane_n[l][plane]);
 }
 
 void sv_field_plane_loss_bwd(const sv_field *f, int l, int plane, float *grad) {
   const sv_field_cfg *c = &f->cfg;
   const size_t n = f->plane_n[l][plane];
-  along second, first;
-  lines_of(f, l, plane, &second, &first);
-  if (axes[plane][1] == 3) {
-    differences_bwd(&second, 2, c->smooth, grad);
-    l1_bwd(second.p, n, c->l1_time / (float)n, grad);
-  } else if (c->tv_kind == SV_FIELD_TV_CODED) differences_bwd(&second, 2, c->tv, grad);
-  else {
-    differences_bwd(&second, 1, 2.0f * c->tv, grad);
-    differences_bwd(&first, 1, 2.0f * c->tv, grad);
+  const lines a = lines_of(f, l, plane);
+  if (axes[plane][1] != 3) {
+    differences_bwd(&a, c->tv, grad);
+    return;
   }
+  differences_bwd(&a, c->smooth, grad);
+  l1_bwd(a.p, n, c->l1_time / (float)n, grad);
 }
 
 // --- a step --------------------------------------------------------------------------------------

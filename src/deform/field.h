@@ -22,8 +22,6 @@ extern "C" {
 #define SV_FIELD_CAP_WIDTH 128
 #define SV_FIELD_TASK      32 // blocks whose gradients of the layers are summed together
 
-typedef enum { SV_FIELD_TV_CODED, SV_FIELD_TV_BOTH } sv_field_tv;
-
 typedef struct {
   int n_channels; // 16 or 32 per level
   int n_levels, mult[SV_FIELD_CAP_LEVELS];
@@ -34,10 +32,8 @@ typedef struct {
   bool is_shared;  // one head for position, rotation and scale; else one each
   bool has_colour; // heads for opacity and SH, too; not with is_shared
   float start;     // scale of the output layers' Xavier initialization; the authors' is 1
-  // Weights: second differences (coded as in the reference: along one axis, of its mean square) or
-  // squared first differences along both; second differences along time; distance of time planes
-  // from 1.
-  sv_field_tv tv_kind;
+  // Weights: second differences along the second axis of planes of space, as the reference computes
+  // them; second differences along time; distance of time planes from 1.
   float tv, smooth, l1_time;
   float lr_planes, lr_planes_end, lr_layers, lr_layers_end; // times the scene's radius
   bool has_grad;

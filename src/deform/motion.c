@@ -52,39 +52,8 @@ void sv_motion_reset(sv_motion *mo, int n) {
   sv_bodies_reset(&mo->bodies, mo->cap);
 }
 
-// Weights of the knots i-1 .. i+2 at a place u in 0..1 between knots i and i+1 (Catmull & Rom
-// 1974).
-static void catmull_rom(float u, float w[4]) {
-  float u2 = u * u, u3 = u2 * u;
-  w[0] = 0.5f * (2.0f * u2 - u3 - u);
-  w[1] = 0.5f * (3.0f * u3 - 5.0f * u2 + 2.0f);
-  w[2] = 0.5f * (4.0f * u2 - 3.0f * u3 + u);
-  w[3] = 0.5f * (u3 - u2);
-}
-
-// Knot k is coefficient k - 1; knot 0 is at rest, and those outside go on straight from the last
-// two.
-static void spline(int n, float t, float f[SV_CAP_MOTION_FUNCTIONS]) {
-  float x = sv_clampf(t, 0.0f, 1.0f) * (float)n, w[4];
-  int i = sv_mini((int)x, n - 1);
-  for (int k = 0; k < n; k++) f[k] = 0.0f;
-  catmull_rom(x - (float)i, w);
-  for (int k = 0; k < 4; k++) {
-    int knot = i - 1 + k;
-    if (knot > n) { // 2 K_n - K_(n-1)
-      f[n - 1] += 2.0f * w[k];
-      if (n > 1) f[n - 2] -= w[k];
-    } else if (knot < 0) f[0] -= w[k]; // 2 K_0 - K_1
-    else if (knot > 0) f[knot - 1] += w[k];
-  }
-}
-
 void sv_motion_functions(const sv_motion_cfg *cfg, int n, float t, float f[SV_CAP_MOTION_FUNCTIONS]) {
   if (n < 1) return;
-  if (cfg->functions == SV_MOTION_SPLINE) {
-    spline(n, t, f);
-    return;
-  }
   if (cfg->functions == SV_MOTION_POWERS) {
     float x = t - cfg->t0, p = x;
     for (int j = 0; j < n; j++, p *= x) f[j] = p;

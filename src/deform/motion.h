@@ -20,10 +20,8 @@ extern "C" {
 #endif
 
 typedef enum {
-  SV_MOTION_CHEBYSHEV, // polynomial: T_1 .. T_n of 2 t - 1
-  SV_MOTION_SPLINE,    // Catmull-Rom: coefficient j is the position at time (j + 1)/n; at time 0
-                       // it is at rest
-  SV_MOTION_POWERS     // (t - t0), (t - t0)^2, ...; sv_motion_advance changes t0
+  SV_MOTION_CHEBYSHEV = 0, // polynomial: T_1 .. T_n of 2 t - 1
+  SV_MOTION_POWERS = 2     // (t - t0), (t - t0)^2, ...; sv_motion_advance changes t0. As in files
 } sv_motion_functions_kind;
 
 typedef struct {

@@ -30,7 +30,6 @@ sv_dynamic_cfg sv_dynamic_defaults(void) {
                       .front_every = 2,
                       .n_bodies = SV_CAP_BODIES - 1,
                       .lr_body = 20.0f,
-                      .is_matched = true,
                       .shrink_pos = 0.1f,
                       .share_min = 0.2f,
                       .min_scale = 1,
@@ -59,7 +58,7 @@ bool sv_dynamic_has_clip(const sv_dynamic_cfg *c) {
 }
 
 bool sv_dynamic_has_bodies(const sv_dynamic_cfg *c) {
-  return sv_dynamic_has_clip(c) && c->is_matched && c->grow_until > 0 && c->n_bodies > 0 &&
+  return sv_dynamic_has_clip(c) && c->grow_until > 0 && c->n_bodies > 0 &&
          c->functions == SV_MOTION_CHEBYSHEV;
 }
 

@@ -28,7 +28,7 @@ static sv_status carve(sv_dynamic *dyn, const sv_dynamic_cfg *c, const sv_train_
   float **each[] = {&dyn->n_seen, &dyn->residual_mean, &dyn->residual_dev, &dyn->temporal_residual,
                     &dyn->share,  &dyn->residual};
   for (size_t i = 0; i < sizeof each / sizeof *each; i++) *each[i] = SV_TAKE(a, float, g->cap);
-  const bool is_matched = sv_dynamic_has_clip(c) && c->is_matched && c->grow_until > 0;
+  const bool is_matched = sv_dynamic_has_clip(c) && c->grow_until > 0;
   dyn->match = is_matched ? SV_TAKE(a, sv_match_sum, g->cap) : NULL;
   dyn->near = is_matched ? sv_local_motion_carve(g->cap, a) : NULL;
   dyn->assignment = sv_dynamic_has_bodies(c) ? SV_TAKE(a, sv_body_assignment, g->cap) : NULL;

@@ -72,11 +72,10 @@ typedef struct {
                     // Default 0.1.
   int front_every;  // Until grow_until every so many steps take a frontier frame, the latest added.
                     // Default 2; 0: none.
-  // What moves is matched in the images of a new time before they are trained on (match.c). Default
-  // true.
-  bool is_matched;
-  int n_bodies;  // Rigid bodies that are looked for, at most; needs is_matched. Default
-                 // SV_CAP_BODIES - 1.
+  // Rigid bodies that are looked for, at most; with a temporal curriculum, in which what moves is
+  // matched in the images of a new time before they are trained on (match.c). Default
+  // SV_CAP_BODIES - 1.
+  int n_bodies;
   float lr_body; // Learning rate of the bodies' poses, times that of the means. Default 20.
   // Smallest share of the turns that images of unusually long or short lenses get
   // (sv_dynamic_turn_share). Default 0.2.

@@ -137,7 +137,7 @@ typedef struct {
   float eye[3], forward[3]; // of the world
   float tan_half;           // tangent of half the image's diagonal angle
 } sv_feed_eye;
-typedef enum { SV_FEED_STILL, SV_FEED_CHEBYSHEV, SV_FEED_SPLINE, SV_FEED_POWERS } sv_feed_motion;
+typedef enum { SV_FEED_STILL, SV_FEED_CHEBYSHEV, SV_FEED_POWERS } sv_feed_motion;
 typedef struct {
   uint32_t n, sh_degree, n_floats, is_mip, step;
   uint32_t n_moving, n_motion, motion; // sv_feed_motion

@@ -345,9 +345,7 @@ static void fill_motion(const sv_preview *l, sv_feed_model *m, float *row) {
   const sv_motion *mo = &l->cfg.dynamic->deform.motion;
   m->n_moving = (uint32_t)mo->n_moving;
   m->n_motion = (uint32_t)mo->n_rows;
-  m->motion = mo->cfg.functions == SV_MOTION_CHEBYSHEV ? SV_FEED_CHEBYSHEV
-              : mo->cfg.functions == SV_MOTION_SPLINE  ? SV_FEED_SPLINE
-                                                       : SV_FEED_POWERS;
+  m->motion = mo->cfg.functions == SV_MOTION_CHEBYSHEV ? SV_FEED_CHEBYSHEV : SV_FEED_POWERS;
   m->n_pos = (uint32_t)mo->cfg.n_pos;
   m->n_rot = (uint32_t)mo->cfg.n_rot;
   m->n_colour = (uint32_t)mo->cfg.n_colour;

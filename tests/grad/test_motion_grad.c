@@ -99,26 +99,6 @@ static void check_motion(sv_motion_functions_kind kind, float t) {
 TEST(test_motion) {
   check_motion(SV_MOTION_CHEBYSHEV, 0.37f);
   check_motion(SV_MOTION_POWERS, 0.9f);
-  check_motion(SV_MOTION_SPLINE, 0.05f);
-  check_motion(SV_MOTION_SPLINE, 0.98f);
-}
-
-// The spline goes through its coefficients, and what moves uniformly moves uniformly.
-TEST(test_spline) {
-  float f[SV_CAP_MOTION_FUNCTIONS];
-  sv_motion_cfg c = {.functions = SV_MOTION_SPLINE};
-  for (int n = 1; n <= SV_CAP_MOTION_FUNCTIONS; n++) {
-    for (int knot = 0; knot <= n; knot++) {
-      sv_motion_functions(&c, n, (float)knot / (float)n, f);
-      for (int j = 0; j < n; j++) assert_true(fabsf(f[j] - (j + 1 == knot ? 1.0f : 0.0f)) < 1e-5f);
-    }
-    for (float t = 0; t <= 1; t += 0.07f) {
-      double x = 0;
-      sv_motion_functions(&c, n, t, f);
-      for (int j = 0; j < n; j++) x += (double)f[j] * (j + 1) / n;
-      assert_true(fabs(x - (double)t) < 1e-5);
-    }
-  }
 }
 
 // --- field ---------------------------------------------------------------------------------------
@@ -288,38 +268,35 @@ TEST(test_plane_losses) {
   static float grad[20000];
   sv_rng rng = sv_rng_make(4, 4);
   make_gaussians(&a);
-  for (int kind = SV_FIELD_TV_CODED; kind <= SV_FIELD_TV_BOTH; kind++) {
-    sv_field_cfg c = {.n_channels = 16,
-                      .n_levels = 1,
-                      .mult = {1},
-                      .base = 5,
-                      .n_times = 6,
-                      .width = 16,
-                      .is_shared = true,
-                      .tv_kind = (sv_field_tv)kind,
-                      .tv = 3,
-                      .smooth = 2,
-                      .l1_time = 0.5f,
-                      .n_threads = 1};
-    assert_int_equal(sv_field_init(&field, &c, &g, &a), SV_OK);
-    sv_field_reset(&field, &g, 5);
-    // away from 1
-    for (size_t i = 0; i < field.n_planes; i++) field.param[i] = 1.4f + 0.3f * sv_rng_f(&rng);
-    for (int p = 0; p < 6; p++) {
-      memset(grad, 0, sizeof grad);
-      sv_field_plane_loss_bwd(&field, 0, p, grad);
-      assert_true(sv_field_plane_loss(&field, 0, p) > 0);
-      for (int i = 0; i < 60; i++) {
-        size_t at = sv_rng_below(&rng, (uint32_t)field.plane_n[0][p]);
-        float *x = field.param + field.plane_at[0][p] + at, keep = *x, up_x = keep + 0.05f,
-              down_x = keep - 0.05f;
-        *x = up_x;
-        double up = sv_field_plane_loss(&field, 0, p);
-        *x = down_x;
-        double d = (up - sv_field_plane_loss(&field, 0, p)) / ((double)up_x - (double)down_x);
-        *x = keep;
-        assert_true(fabs(d - (double)grad[at]) < 1e-5);
-      }
+  sv_field_cfg c = {.n_channels = 16,
+                    .n_levels = 1,
+                    .mult = {1},
+                    .base = 5,
+                    .n_times = 6,
+                    .width = 16,
+                    .is_shared = true,
+                    .tv = 3,
+                    .smooth = 2,
+                    .l1_time = 0.5f,
+                    .n_threads = 1};
+  assert_int_equal(sv_field_init(&field, &c, &g, &a), SV_OK);
+  sv_field_reset(&field, &g, 5);
+  // away from 1
+  for (size_t i = 0; i < field.n_planes; i++) field.param[i] = 1.4f + 0.3f * sv_rng_f(&rng);
+  for (int p = 0; p < 6; p++) {
+    memset(grad, 0, sizeof grad);
+    sv_field_plane_loss_bwd(&field, 0, p, grad);
+    assert_true(sv_field_plane_loss(&field, 0, p) > 0);
+    for (int i = 0; i < 60; i++) {
+      size_t at = sv_rng_below(&rng, (uint32_t)field.plane_n[0][p]);
+      float *x = field.param + field.plane_at[0][p] + at, keep = *x, up_x = keep + 0.05f,
+            down_x = keep - 0.05f;
+      *x = up_x;
+      double up = sv_field_plane_loss(&field, 0, p);
+      *x = down_x;
+      double d = (up - sv_field_plane_loss(&field, 0, p)) / ((double)up_x - (double)down_x);
+      *x = keep;
+      assert_true(fabs(d - (double)grad[at]) < 1e-5);
     }
   }
 }
@@ -330,7 +307,7 @@ FIXTURE(setup) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_motion), cmocka_unit_test(test_spline),
-                                     cmocka_unit_test(test_field), cmocka_unit_test(test_plane_losses)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_motion), cmocka_unit_test(test_field),
+                                     cmocka_unit_test(test_plane_losses)};
   return cmocka_run_group_tests(tests, setup, NULL);
 }

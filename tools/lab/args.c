@@ -209,9 +209,10 @@ static const sv_option table[] = {
      "overlap; else random points in a sphere]",
      0, 0, 0},
     {"motion", SV_OPT_TEXT, LAB_TRAIN, 0, AT(motion), "clip|field[,k=v...]",
-     "4dgs: per-Gaussian motion (clip), or one deformation field that starts from per-Gaussian motion; "
-     "settings are numbers: field,clip=0 starts from a static model as in the paper, clip=0.5 trains "
-     "per-Gaussian motion for half of the run",
+     "4dgs: per-Gaussian motion (clip), or one deformation field that starts from it. Settings: bodies= "
+     "most rigid bodies, pos= rot= color= functions of time; of a field preset=NAME, times= base= width= "
+     "channels= levels= its sizes, clip= share of the run that trains per-Gaussian motion first (0: from a "
+     "still model, as in the paper)",
      0, 0, 0},
     HEADING("Training"),
     {"steps", SV_OPT_INT, LAB_TRAIN, 0, AT(steps), "N",

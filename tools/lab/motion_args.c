@@ -33,52 +33,16 @@ static int set_number(const setting *known, size_t n_known, const char *p, size_
 }
 
 static int parse(const char *text, bool with_preset, sv_dynamic_cfg *d) {
-  int functions = (int)d->functions, tv_kind = SV_FIELD_TV_CODED, is_followed = d->is_matched;
-  const setting known[] = {{"from", &d->from, 0, 1},
-                           {"window", &d->window_start, 0, 10},
-                           {"clip", &d->distil_at, 0, 0.9},
-                           {"fit", &d->fit, 0, 10},
-                           {"distilled", &d->distilled, 0, 1},
-                           {"grow_start", &d->grow_start, 0, 1},
-                           {"grow_until", &d->grow_until, 0, 1},
-                           {"coarse_for", &d->coarse_for, 0, 1},
-                           {"front", 0, &d->front_every, 1000},
-                           {"follow", 0, &is_followed, 1},
+  const setting known[] = {{"clip", &d->distil_at, 0, 0.9},
                            {"bodies", 0, &d->n_bodies, SV_CAP_BODIES - 1},
-                           {"lr_body", &d->lr_body, 0, 1e3},
-                           {"shrink", &d->shrink_pos, 0, 10},
-                           {"share_min", &d->share_min, 0, 1},
-                           {"functions", 0, &functions, 1},
-                           {"tv_kind", 0, &tv_kind, 1},
-                           {"residual_min", &d->residual_min, 0, 1},
-                           {"find_every", &d->find_every, 0, 1},
-                           {"find_until", &d->find_until, 0, 1},
                            {"pos", 0, &d->n_pos, SV_CAP_MOTION_FUNCTIONS},
                            {"rot", 0, &d->n_rot, SV_CAP_MOTION_FUNCTIONS},
-                           {"colour", 0, &d->n_colour, SV_CAP_MOTION_FUNCTIONS},
-                           {"lr_pos", &d->lr_pos, 0, 1e3},
-                           {"lr_rot", &d->lr_rot, 0, 1},
-                           {"lr_colour", &d->lr_colour, 0, 1},
-                           {"lr_window", &d->lr_window, 0, 1},
-                           {"reg_pos", &d->reg_pos, 0, 1e3},
-                           {"reg_rot", &d->reg_rot, 0, 1e3},
-                           {"reg_colour", &d->reg_colour, 0, 1e3},
-                           {"static_px", &d->static_px, 0, 1e3},
-                           {"static_fade", &d->static_fade, 0, 1e3},
-                           {"tv", &d->field.tv, 0, 1e3},
-                           {"smooth", &d->field.smooth, 0, 1e3},
-                           {"l1", &d->field.l1_time, 0, 1e3},
-                           {"start", &d->field.start, 0, 1},
-                           {"lr_planes", &d->field.lr_planes, 0, 1},
-                           {"lr_planes_end", &d->field.lr_planes_end, 0, 1},
-                           {"lr_layers", &d->field.lr_layers, 0, 1},
-                           {"lr_layers_end", &d->field.lr_layers_end, 0, 1},
+                           {"color", 0, &d->n_colour, SV_CAP_MOTION_FUNCTIONS},
                            {"times", 0, &d->field.n_times, 1024},
                            {"base", 0, &d->field.base, 512},
                            {"width", 0, &d->field.width, SV_FIELD_CAP_WIDTH},
                            {"channels", 0, &d->field.n_channels, 32},
-                           {"levels", 0, &d->field.n_levels, 3},
-                           {"still_colour", &d->static_colour, 0, 1}};
+                           {"levels", 0, &d->field.n_levels, 3}};
   const size_t n_known = sizeof known / sizeof *known;
   size_t n = text ? strcspn(text, ",") : 0;
   d->kind = SV_DEFORM_CLIP;
@@ -93,9 +57,6 @@ static int parse(const char *text, bool with_preset, sv_dynamic_cfg *d) {
     if (e != LAB_EXIT_OK) return e;
     p += n;
   }
-  d->functions = (sv_motion_functions_kind)functions;
-  d->is_matched = is_followed > 0;
-  d->field.tv_kind = (sv_field_tv)tv_kind;
   return LAB_EXIT_OK;
 }
 

@@ -54,17 +54,7 @@ function decode(buffer, id) {
 // --- motion: values at a time of the functions that all share ---
 function functions(kind, n, t, t0) {
   const f = new Float64Array(n);
-  // Catmull-Rom; knot k is coefficient k - 1, knot 0 is at rest, outside it goes on straight
-  if (kind === 2 && n) {
-    const x = Math.min(1, Math.max(0, t)) * n, i = Math.min(Math.floor(x), n - 1), u = x - i, u2 = u * u, u3 = u2 * u;
-    const w = [0.5 * (2 * u2 - u3 - u), 0.5 * (3 * u3 - 5 * u2 + 2), 0.5 * (4 * u2 - 3 * u3 + u), 0.5 * (u3 - u2)];
-    w.forEach((v, k) => {
-      const knot = i - 1 + k;
-      if (knot > n) (f[n - 1] += 2 * v), n > 1 && (f[n - 2] -= v);
-      else if (knot < 0) f[0] -= v;
-      else if (knot > 0) f[knot - 1] += v;
-    });
-  } else if (kind === 3) for (let j = 0, p = t - t0; j < n; j++, p *= t - t0) f[j] = p;
+  if (kind === 2) for (let j = 0, p = t - t0; j < n; j++, p *= t - t0) f[j] = p;
   else for (let j = 0, x = 2 * t - 1, before = 1, now = x; j < n; j++) (f[j] = now), ([before, now] = [now, 2 * x * now - before]);
   return f;
 }
