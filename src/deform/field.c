@@ -125,10 +125,11 @@ sv_status sv_field_init(sv_field *f, const sv_field_cfg *cfg, const sv_gaussians
   f->n_gaussian_rows = g->n_rows;
   lay_out(f);
   size_t n_blocks = (size_t)g->cap / 16;
-  f->n_scratch = 16 * (5 * (size_t)cfg->width + 2 * (size_t)f->n_feature + SV_CAP_ROWS);
+  f->n_scratch = 16 * (5 * (size_t)cfg->width + (size_t)f->n_feature + SV_CAP_ROWS);
   f->param = SV_TAKE(a, float, f->n_param);
   f->moved = SV_TAKE(a, float, (size_t)g->cap *(size_t)g->n_rows);
   f->coord = SV_TAKE(a, float, n_blocks * 64);
+  f->feature = SV_TAKE(a, float, n_blocks * 16 * (size_t)f->n_feature);
   f->scratch = SV_TAKE(a, float, (size_t)cfg->n_threads * f->n_scratch);
   if (!cfg->has_grad) return a->status < 0 ? a->status : SV_OK;
   f->m = SV_TAKE(a, uint16_t, f->n_param);
@@ -219,20 +220,23 @@ static sv_linear_args head1(const sv_field *f, int h) { return linear(f, head1_l
 static sv_linear_args head2(const sv_field *f, int h) { return linear(f, head2_layer(f, h), true); }
 
 typedef struct {
-  float *feature, *d_feature, *h, *h2, *dh, *dh2, *dh_one, *out;
+  float *d_feature, *h, *h2, *dh, *dh2, *dh_one, *out;
 } work;
 
 static work work_of(const sv_field *f, int i_thread) {
   float *s = f->scratch + (size_t)i_thread * f->n_scratch;
   size_t w = 16 * (size_t)f->cfg.width, n = 16 * (size_t)f->n_feature;
-  return (work){.feature = s,
-                .d_feature = s + n,
-                .h = s + 2 * n,
-                .h2 = s + 2 * n + w,
-                .dh = s + 2 * n + 2 * w,
-                .dh2 = s + 2 * n + 3 * w,
-                .dh_one = s + 2 * n + 4 * w,
-                .out = s + 2 * n + 5 * w};
+  return (work){.d_feature = s,
+                .h = s + n,
+                .h2 = s + n + w,
+                .dh = s + n + 2 * w,
+                .dh2 = s + n + 3 * w,
+                .dh_one = s + n + 4 * w,
+                .out = s + n + 5 * w};
+}
+
+static float *feature_of(const sv_field *f, int block) {
+  return f->feature + (size_t)block * 16 * (size_t)f->n_feature;
 }
 
 typedef struct {
@@ -253,8 +257,8 @@ static void at_block(const job *j, int b, const work *w) {
   for (int k = 0; k < 16; k++) c[48 + k] = j->t;
   memcpy(moved, p, (size_t)f->n_gaussian_rows * 16 * sizeof *moved);
   sv_linear_args a = trunk(f);
-  j->k->planes(&j->planes, c, w->feature);
-  j->k->linear(&a, w->feature, w->h);
+  j->k->planes(&j->planes, c, feature_of(f, b));
+  j->k->linear(&a, feature_of(f, b), w->h);
   int left = f->n_moving - 16 * b; // the still ones of the last block stay where they are
   for (int h = 0; h < f->n_heads; h++) {
     a = head1(f, h);
@@ -305,8 +309,7 @@ void sv_field_bwd_block(sv_field *f, const sv_kernels *k, int b, int i_thread, u
   sv_planes_args pa = planes_of(f);
   sv_linear_args a = trunk(f);
   const float *c = f->coord + 64 * (size_t)b;
-  k->planes(&pa, c, w.feature);
-  k->linear(&a, w.feature, w.h);
+  k->linear(&a, feature_of(f, b), w.h);
   memset(w.dh, 0, 16 * (size_t)f->cfg.width * sizeof(float));
   for (int h = 0; h < f->n_heads; h++) {
     const sv_field_head *hd = &f->head[h];
@@ -320,7 +323,7 @@ void sv_field_bwd_block(sv_field *f, const sv_kernels *k, int b, int i_thread, u
     for (int i = 0; i < 16 * f->cfg.width; i++) w.dh[i] += w.dh_one[i];
   }
   a = trunk(f);
-  k->linear_bwd(&a, w.feature, w.dh, w.d_feature, layer_grad(f, task, f->trunk_w),
+  k->linear_bwd(&a, feature_of(f, b), w.dh, w.d_feature, layer_grad(f, task, f->trunk_w),
                 layer_grad(f, task, f->trunk_b));
   k->planes_bwd(&pa, c, w.d_feature, f->part + (size_t)b * 96 * (size_t)f->n_feature, w.out);
   for (int i = 0; i < 48; i++)
@@ -355,20 +358,18 @@ static double differences(const lines *a, float weight) {
 // step.
 static void differences_bwd(const lines *a, float weight, float *restrict grad) {
   if (a->n <= 2) return;
-  const size_t n_f = (size_t)a->n_channels, row = (size_t)a->n_lines * n_f;
-  float scale = (float)(2.0 * (double)weight / ((double)a->n_lines * (a->n - 2) * a->n_channels));
-  for (int i = 0; i < a->n_lines; i++)
-    for (int j = 0; j + 2 < a->n; j++) {
-      const float *restrict p = a->p + (size_t)j * row + (size_t)i * n_f;
-      float *restrict g = grad + (p - a->p);
-      for (size_t ch = 0; ch < n_f; ch++) {
-        size_t mid = row + ch, far = row + mid;
-        float s = scale * (p[far] - 2.0f * p[mid] + p[ch]);
-        g[ch] += s;
-        g[mid] -= 2.0f * s;
-        g[far] += s;
-      }
+  const size_t row = (size_t)a->n_lines * (size_t)a->n_channels;
+  const float scale = (float)(2.0 * (double)weight / ((double)a->n_lines * (a->n - 2) * a->n_channels));
+  for (int j = 0; j + 2 < a->n; j++) {
+    const float *restrict p = a->p + (size_t)j * row;
+    float *restrict g = grad + (size_t)j * row;
+    for (size_t i = 0; i < row; i++) {
+      float s = scale * (p[2 * row + i] - 2.0f * p[row + i] + p[i]);
+      g[i] += s;
+      g[row + i] -= 2.0f * s;
+      g[2 * row + i] += s;
     }
+  }
 }
 
 static void l1_bwd(const float *p, size_t n, float step, float *grad) {

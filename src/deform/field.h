@@ -65,6 +65,7 @@ typedef struct {
   float *part;       // [cap/16][16][n_levels][6][n_channels] of the planes' samples
   uint32_t *touched; // [cap/16]
   float *coord;      // [cap/16][4][16] of the last sv_field_at
+  float *feature;    // [cap/16][n_feature][16] as coord
   float *moved;      // [cap/16][n_gaussian_rows][16]
   float *scratch;    // [n_threads][..]
   size_t n_scratch;
