@@ -65,9 +65,6 @@ static sv_status fuse(mesh_out *m, sv_mesh *mesh, sv_app *app, float voxel, sv_e
     sv_app_beat(app);
     if (sv_app_is_stop_requested(app))
       return sv_fail(err, SV_E_INTERRUPTED, "stopped by request before the mesh was saved; the model is");
-    if (v->fisheye)
-      return sv_fail(err, SV_E_UNSUPPORTED,
-                     "--mesh: views of fisheye cameras cannot be fused; the model is saved");
     if ((s = fuse_view(m, mesh, app, v)) < 0)
       return sv_fail(err, s, "view %d cannot be rendered for the mesh: %s", i, sv_status_text(s));
   }

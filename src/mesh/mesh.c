@@ -109,8 +109,10 @@ static void to_world(const sv_view *v, const float c[3], float out[3]) {
 static void want_along(sv_mesh *m, const sv_view *v, int x, int y, float d) {
   const float reach = SV_MESH_TRUNCATION * m->cfg.voxel, side = SV_MESH_SIDE * m->cfg.voxel;
   const float *c = m->cfg.centre;
+  float ray[3];
+  if (!sv_view_ray(v, (float)x + 0.5f, (float)y + 0.5f, ray)) return;
   for (float z = d - reach; z <= d + reach; z += side / 4) {
-    const float cam[3] = {((float)x + 0.5f - v->cx) / v->fx * z, ((float)y + 0.5f - v->cy) / v->fy * z, z};
+    const float cam[3] = {ray[0] * z, ray[1] * z, ray[2] * z};
     float p[3];
     int32_t at[3];
     to_world(v, cam, p);
@@ -136,8 +138,8 @@ static void add_to(sv_voxel *o, float distance, const sv_planes *rgb, long at) {
   if (o->weight < MAX_WEIGHT) o->weight++;
 }
 
-// Whether a ball lies beside the picture or behind the camera as a whole. c: its center in the
-// camera's frame.
+// Whether a ball lies beside a pinhole's picture or behind the camera as a whole. c: its center in
+// the camera's frame.
 static bool is_outside(const sv_view *v, const float c[3], float radius) {
   const float focal[2] = {v->fx, v->fy}, centre[2] = {v->cx, v->cy},
               size[2] = {(float)v->width_px, (float)v->height_px};
@@ -152,11 +154,11 @@ static bool is_outside(const sv_view *v, const float c[3], float radius) {
 
 static void fuse_voxel(const fuse_job *j, sv_voxel *o, const float cam[3], float reach) {
   const sv_view *v = j->im->view;
-  if (!(cam[2] > 0)) return;
-  const float x = v->fx * cam[0] / cam[2] + v->cx, y = v->fy * cam[1] / cam[2] + v->cy;
-  if (!(x >= 0 && y >= 0 && x < (float)v->width_px && y < (float)v->height_px)) return;
-  const long at = (long)(int)y * j->im->rgb->stride + (int)x;
-  const float d = j->im->depth[at], behind = cam[2] - d;
+  float uv[2], z;
+  if (!sv_view_project(v, cam, uv, &z)) return;
+  if (!(uv[0] >= 0 && uv[1] >= 0 && uv[0] < (float)v->width_px && uv[1] < (float)v->height_px)) return;
+  const long at = (long)(int)uv[1] * j->im->rgb->stride + (int)uv[0];
+  const float d = j->im->depth[at], behind = z - d;
   if (d > 0 && behind <= reach) add_to(o, sv_clampf(-behind / reach, -1, 1), j->im->rgb, at);
 }
 
@@ -171,7 +173,7 @@ static void fuse_task(void *arg, int b, int i_thread) {
     middle[k] = c->centre[k] + c->voxel * ((float)(SV_MESH_SIDE * j->m->block[b].x[k]) + half);
   for (int k = 0; k < 3; k++)
     cam[k] = v->r[3 * k] * middle[0] + v->r[3 * k + 1] * middle[1] + v->r[3 * k + 2] * middle[2] + v->t[k];
-  if (is_outside(v, cam, 1.74f * half * c->voxel)) return; // half of its diagonal
+  if (!v->fisheye && is_outside(v, cam, 1.74f * half * c->voxel)) return; // half of its diagonal
   for (int i = 0; i < SV_MESH_BLOCK_VOXELS; i++) {
     const float at[3] = {(float)(i & 7) + 0.5f - half, (float)(i >> 3 & 7) + 0.5f - half,
                          (float)(i >> 6) + 0.5f - half};

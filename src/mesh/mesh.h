@@ -57,7 +57,8 @@ typedef struct {
   int n_vertices, n_triangles;
 } sv_mesh;
 
-// One image: depth along the optical axis, 0 where there is none, in the plane layout of rgb.
+// One image: depth along the optical axis (of a fisheye the distance from the camera), 0 where
+// there is none, in the plane layout of rgb.
 typedef struct {
   const sv_view *view;
   float *depth;         // [height][rgb->stride]; fusing makes it negative at depth edges

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // run --mesh of a rig whose poses nobody tells: lengths are meters, the mesh lies on the surfaces
-// of the simulated scene, the model is the one without it, and what cannot be is refused.
+// of the simulated scene, the model is the one without it. Fisheyes inside a hall; what cannot be
+// is refused.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,6 +12,7 @@
 
 #define N_EXPOSURES 40
 #define SPEC        "textured,rig=stereo,size=240x180,exposures=40,path=handheld,poses=unknown"
+#define FISHEYES    "hall,rig=stereo,size=240x180,exposures=40,path=handheld,lens=kb4:185"
 #define RUN                                                                                                  \
   "$SV_EMULATE $SV_BIN/subview run --exposures 40 --steps 600 --gaussians 8000 --json --quiet --overwrite "
 #define W         240
@@ -21,10 +23,10 @@
 static uint8_t file[CAP_BYTES], memory[8 << 20];
 static float depth[H * W];
 
-static void run(const char *more, const char *folder, char digest[20]) {
+static void run(const char *spec, const char *more, const char *folder, char digest[20]) {
   char command[600];
   static char out[8192];
-  snprintf(command, sizeof command, RUN "--source sim:" SPEC " %s --out %s 2>&1", more, temp_path(folder));
+  snprintf(command, sizeof command, RUN "--source sim:%s %s --out %s 2>&1", spec, more, temp_path(folder));
   if (shell_read(out, sizeof out, command)) fail_msg("%s\n%s", command, out);
   const char *d = strstr(out, "\"digest\": \"");
   assert_non_null(d);
@@ -131,31 +133,52 @@ static double near_share(sv_sim *sim, const uint8_t *row, long n, double *mean) 
   return (double)n_near / (double)n_seen;
 }
 
-TEST(the_mesh_lies_on_the_surface) {
-  char with[20], without[20], path[300];
-  sv_sim sim;
+static void open_sim(sv_sim *sim, const char *spec) {
   sv_sim_config cfg;
   sv_err err;
   sv_arena a = sv_arena_make(memory, sizeof memory);
-  double mean;
-  run("--mesh", "with", with);
-  run("", "without", without);
-  assert_string_equal(with, without);
-  assert_ok(sv_sim_parse(&cfg, SPEC, &err), &err);
-  assert_ok(sv_sim_init(&sim, &cfg, &a, &err), &err);
-  read_poses("with");
-  const double scale = scale_of(&sim);
-  snprintf(path, sizeof path, "%s/mesh.ply", temp_path("with"));
+  assert_ok(sv_sim_parse(&cfg, spec, &err), &err);
+  assert_ok(sv_sim_init(sim, &cfg, &a, &err), &err);
+}
+
+// near_share of the mesh in a folder.
+static double share_in(const char *folder, sv_sim *sim, double *mean) {
+  char path[300];
+  snprintf(path, sizeof path, "%s/mesh.ply", temp_path(folder));
   const size_t bytes = read_whole(path);
   const long n = count_of("element vertex "), n_faces = count_of("element face ");
   const uint8_t *row = (const uint8_t *)strstr((const char *)file, "end_header\n") + 11;
   assert_int_equal(bytes, (size_t)(row - file) + (size_t)n * 15 + (size_t)n_faces * 13);
-  const double share = near_share(&sim, row, n, &mean);
-  print_message("%ld vertices, %ld triangles: scale %+.2f %%, mean %.2f %%, %.1f %% within 1.2 %% of the "
-                "distance\n",
-                n, n_faces, 100 * (scale - 1), 100 * mean, 100 * share);
+  const double share = near_share(sim, row, n, mean);
+  print_message("%ld vertices, %ld triangles: mean %.2f %%, %.1f %% within 1.2 %% of the distance\n", n,
+                n_faces, 100 * *mean, 100 * share);
+  return share;
+}
+
+TEST(the_mesh_lies_on_the_surface) {
+  char with[20], without[20];
+  sv_sim sim;
+  double mean;
+  run(SPEC, "--mesh", "with", with);
+  run(SPEC, "", "without", without);
+  assert_string_equal(with, without);
+  open_sim(&sim, SPEC);
+  read_poses("with");
+  const double scale = scale_of(&sim), share = share_in("with", &sim, &mean);
+  print_message("scale %+.2f %%\n", 100 * (scale - 1));
   assert_true(fabs(scale - 1) < 0.003);
   assert_true(mean < 0.006 && share > 0.9);
+}
+
+TEST(fisheyes_are_fused_over_their_whole_field) {
+  char digest[20];
+  sv_sim sim;
+  double mean;
+  run(FISHEYES, "--mesh", "fisheyes", digest);
+  open_sim(&sim, FISHEYES);
+  for (int e = 0; e < N_EXPOSURES; e++) sv_sim_rig_pose(&sim, sv_sim_slot_ns(&sim, e), &pose[e]);
+  const double share = share_in("fisheyes", &sim, &mean);
+  assert_true(mean < 0.01 && share > 0.75);
 }
 
 TEST(what_cannot_be_is_refused) {
@@ -180,6 +203,7 @@ TEST(the_plan_holds_it) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(the_mesh_lies_on_the_surface),
+                                     cmocka_unit_test(fisheyes_are_fused_over_their_whole_field),
                                      cmocka_unit_test(what_cannot_be_is_refused),
                                      cmocka_unit_test(the_plan_holds_it)};
   return cmocka_run_group_tests(tests, NULL, NULL);

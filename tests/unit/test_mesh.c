@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The mesh of a sphere from depth images about it: where it is, which way it faces, that it is
-// closed, the same for any number of threads; a floater is dropped, and full pools are told.
+// closed, the same for any number of threads; a sphere about fisheyes, behind them, too; a floater
+// is dropped, and full pools are told.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "calib/fisheye.h"
 #include "platform/linux/linux.h"
 #include "src/mesh/mesh.h"
 #include "tests/common/test.h"
@@ -104,6 +106,53 @@ TEST(test_sphere) {
   assert_true(fabs(volume_of(&m) - expected) < 0.02 * expected);
 }
 
+// Fisheyes of 200 degrees in a sphere, back to back: each sees a little more than half of it.
+TEST(test_fisheyes) {
+  sv_mesh m;
+  const sv_mesh_cfg c = cfg();
+  const sv_pool serial = sv_pool_serial();
+  const sv_camera_model lens = {
+      .kind = SV_MODEL_KB4, .width_px = W, .height_px = H, .p = {22, 22, W / 2.0, H / 2.0, 0.02, -0.004}};
+  sv_fisheye fisheye;
+  assert_true(sv_fisheye_make(&fisheye, &lens));
+  sv_arena a = sv_arena_make(memory[0], BYTES);
+  assert_int_equal(sv_mesh_init(&m, &c, &a), SV_OK);
+  for (int i = 0; i < N; i++) {
+    sv_pose pose;
+    const double turn = 2.4 * i, eye[3] = {0.1 * cos(turn), 0.1 * sin(turn), 0.02 * (i - N / 2)},
+                 to[3] = {3 * cos(turn), 3 * sin(turn), 0.4 * (i - N / 2)}, up[3] = {0, 0, 1};
+    assert_true(sv_pose_look_at(&pose, eye, to, up));
+    sv_view v = sv_view_make(W, H, lens.p, &pose);
+    v.fisheye = &fisheye;
+    float centre[3];
+    sv_view_centre(centre, &v);
+    memset(depth, 0, sizeof depth);
+    for (int y = 0; y < H; y++)
+      for (int x = 0; x < W; x++) {
+        float ray[3], along = 0;
+        if (!sv_view_ray(&v, (float)x + 0.5f, (float)y + 0.5f, ray)) continue;
+        for (int k = 0; k < 3; k++) along += ray[k] * v.t[k]; // minus the center along the ray
+        const float off = length3(centre);
+        depth[y * W + x] = along + sqrtf(along * along - off * off + RADIUS * RADIUS);
+      }
+    sv_mesh_fuse(&m, &(sv_mesh_image){&v, depth, &rgb}, &serial);
+  }
+  assert_int_equal(sv_mesh_extract(&m, 1), SV_OK);
+  double sum = 0, worst = 0;
+  for (int i = 0; i < m.n_vertices; i++) {
+    const double e = fabs((double)(length3(m.vertex[i].x) - RADIUS));
+    sum += e;
+    worst = fmax(worst, e);
+  }
+  print_message("distance from the sphere: mean %.2f %%, largest %.2f %% of its radius\n",
+                100 * sum / m.n_vertices / (double)RADIUS, 100 * worst / (double)RADIUS);
+  assert_true(sum / m.n_vertices < 0.004 * (double)RADIUS && worst < 0.04 * (double)RADIUS);
+  // It faces inward, and is closed.
+  const double expected = -4.0 / 3 * 3.14159265 * pow((double)RADIUS, 3);
+  print_message("volume %.4f, expected %.4f\n", volume_of(&m), expected);
+  assert_true(fabs(volume_of(&m) / expected - 1) < 0.02);
+}
+
 TEST(test_threads) {
   sv_mesh m[2];
   sv_linux_pool threads;
@@ -183,8 +232,8 @@ TEST(test_pools) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_sphere), cmocka_unit_test(test_threads),
-                                     cmocka_unit_test(test_floater), cmocka_unit_test(test_decimated),
-                                     cmocka_unit_test(test_pools)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_sphere),    cmocka_unit_test(test_fisheyes),
+                                     cmocka_unit_test(test_threads),   cmocka_unit_test(test_floater),
+                                     cmocka_unit_test(test_decimated), cmocka_unit_test(test_pools)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
