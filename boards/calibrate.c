@@ -134,6 +134,10 @@ static sv_status start_live(const run_options *o, sv_err *err) {
     argv[n++] = "--rig";
     argv[n++] = (char *)(uintptr_t)o->rig;
   }
+  if (b.is_fisheye) {
+    argv[n++] = "--model";
+    argv[n++] = "LENSMODEL_SPLINED_STEREOGRAPHIC";
+  }
   cal.live_pid = sv_linux_spawn(argv, false);
   return cal.live_pid ? SV_OK : sv_fail(err, SV_E_DEVICE, "%s: cannot be started", cal.program);
 }

@@ -237,7 +237,8 @@ const char *preview_source(const char *source) {
 }
 
 preview_calibration preview_board(void) {
-  return (preview_calibration){live.board.n_cols, live.board.n_rows, live.board.spacing_m};
+  return (preview_calibration){live.board.n_cols, live.board.n_rows, live.board.spacing_m,
+                               live.board.is_fisheye};
 }
 
 void preview_close(void) {

@@ -27,10 +27,11 @@ preview_answer preview_failed(const run_options *o, const preview_failure *why, 
                               sv_heartbeats *beats);
 // The session's source string with the mode that the page chose; the options' own otherwise.
 const char *preview_source(const char *source);
-// The chessboard of the newest request to calibrate.
+// The chessboard of the newest request to calibrate, and whether the lenses are fisheyes.
 typedef struct {
   int n_cols, n_rows;
   double spacing_m;
+  bool is_fisheye;
 } preview_calibration;
 preview_calibration preview_board(void);
 void preview_close(void);

@@ -122,15 +122,13 @@ static int reject(sv_mrcal_problem *p) {
 static sv_status optimise(sv_mrcal_problem *p, sv_err *err) {
   const sv_boards *b = p->b;
   mrcal_problem_selections_t sel = {.do_optimize_extrinsics = b->n_cameras > 1, .do_optimize_frames = true};
+  sv_status s = is_splined(b) ? sv_mrcal_make_splined(p, err) : SV_OK;
+  if (s != SV_OK) return s;
   // the poses with the seeded lenses, then the lenses, then all they have
   double rms = solve(p, sel);
-  sel.do_optimize_intrinsics_core = true;
-  if (rms >= 0) rms = solve(p, sel);
-  if (rms >= 0 && is_splined(b)) {
-    sv_status s = sv_mrcal_make_splined(p, err);
-    if (s != SV_OK) return s;
-    sel.do_optimize_intrinsics_core = false;
-  }
+  // Of a spline, a free principal point could go far off, with the camera's rotation
+  sel.do_optimize_intrinsics_core = !is_splined(b);
+  if (rms >= 0 && !is_splined(b)) rms = solve(p, sel);
   sel.do_optimize_intrinsics_distortions = p->n_params > 4;
   sel.do_apply_regularization = true;
   if (rms >= 0) rms = solve(p, sel);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Z. Zhang's method ("A Flexible New Technique for Camera Calibration", PAMI 2000) as OpenCV has
 // it, with the principal point in the middle and one distortion term: few enough unknowns to start
-// from anything. Wide lenses start as stereographic ones, of the focal length that fits best.
+// from anything. Wide lenses start as equidistant ones, of the focal length that fits best.
 #include <opencv2/calib3d.hpp>
 
 #include <algorithm>
@@ -76,18 +76,18 @@ bool seed_lens(const Seen &s, int w, int h, cv::Mat &k, cv::Mat &d) {
 
 constexpr int kFocals = 24;        // of those that are tried
 constexpr double kNarrowest = 1.5; // focal length over the picture's longer side
-constexpr double kWidest = 0.12;   // the same: 266 degrees across
+constexpr double kWidest = 0.2;    // the same: 286 degrees across
 constexpr double kFarthest = 0.1;  // cosine, from the board's middle to its corners
 
-struct Stereographic {
+struct Equidistant {
   double f, cx, cy;
   cv::Vec3d Ray(const cv::Point2f &p) const {
     const double x = (static_cast<double>(p.x) - cx) / f, y = (static_cast<double>(p.y) - cy) / f,
-                 s = 0.25 * (x * x + y * y);
-    return cv::Vec3d(x, y, 1 - s) / (1 + s);
+                 angle = std::hypot(x, y), s = angle > 0 ? std::sin(angle) / angle : 1;
+    return {s * x, s * y, std::cos(angle)};
   }
   cv::Point2d Project(const cv::Vec3d &x) const {
-    const double s = 2 * f / (cv::norm(x) + x[2]);
+    const double r = std::hypot(x[0], x[1]), s = r > 0 ? f * std::atan2(r, x[2]) / r : 0;
     return {s * x[0] + cx, s * x[1] + cy};
   }
 };
@@ -102,7 +102,7 @@ cv::Matx33d ToAxis(const cv::Vec3d &v) {
 
 // The pose of a board by the rays of its corners, turned so that a pinhole sees them all. Mean of
 // the squared distances in the picture, px; a large number where there is no pose.
-double PlaceBoard(const Seen &s, size_t i, const Stereographic &lens, sv_pose *out) {
+double PlaceBoard(const Seen &s, size_t i, const Equidistant &lens, sv_pose *out) {
   constexpr double kNone = 1e12;
   cv::Vec3d middle(0, 0, 0);
   for (const auto &p : s.image[i]) middle += lens.Ray(p);
@@ -137,7 +137,7 @@ double PlaceBoard(const Seen &s, size_t i, const Stereographic &lens, sv_pose *o
   return sum / static_cast<double>(s.object[i].size());
 }
 
-double ErrorOf(const Seen &s, const Stereographic &lens) {
+double ErrorOf(const Seen &s, const Equidistant &lens) {
   const size_t n = s.frames.size(), n_used = std::min(n, kSeedBoards);
   double sum = 0;
   for (size_t i = 0; i < n_used; i++) sum += PlaceBoard(s, i * n / n_used, lens, nullptr);
@@ -147,7 +147,7 @@ double ErrorOf(const Seen &s, const Stereographic &lens) {
 // The focal length with which boards fit best, then finer steps about it.
 bool SeedWide(const Seen &s, int w, int h, double lens[5], sv_pose *cam_from_board) {
   const double side = w > h ? w : h;
-  Stereographic best = {0, 0.5 * (w - 1), 0.5 * (h - 1)};
+  Equidistant best = {0, 0.5 * (w - 1), 0.5 * (h - 1)};
   double least = HUGE_VAL, step = std::pow(kNarrowest / kWidest, 1.0 / (kFocals - 1)), middle = 0;
   for (int round = 0; round < 3; round++) {
     const int n = round == 0 ? kFocals : 7;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Wide lenses: mrcal's splined stereographic model. It is seeded as a stereographic lens, whose
-// focal length then stays, since the spline can express it, too.
+// Wide lenses: mrcal's splined stereographic model. It is seeded as an equidistant lens, whose
+// focal length and center then stay, since the spline can express them, too; a free center could
+// drift far off together with the camera's rotation.
 #include <math.h>
 #include <mrcal/mrcal.h>
 #include <stdlib.h>
@@ -13,8 +14,8 @@
 
 #define ORDER      3
 #define SPACING    0.4            // of knots, in the stereographic plane: 23 degrees in the center
-#define MARGIN     1.3            // of the grid, as the seed is not exact at the edge
-#define MAX_U      5.5            // 140 degrees off the axis
+#define MARGIN     1.1            // of the grid, in angle, as the seed is not exact at the edge
+#define MAX_ANGLE  2.44           // 140 degrees off the axis
 #define N_RADIAL   4              // terms of the radial function: t, t^3, t^5, t^7
 #define N_TERMS    (N_RADIAL + 2) // and the offset
 #define N_UNKNOWNS (N_TERMS + 3)  // and the tilt of the axis, and the aspect ratio
@@ -22,15 +23,21 @@
 #define STEP       1e-4 // of differences, rad
 #define MIN_SLOPE  0.3
 
-// Half of what the pictures hold in the stereographic plane.
+// Distance from the axis in the stereographic plane over the angle.
+static double stretch(double angle) { return angle > 0 ? 2 * tan(0.5 * angle) / angle : 1; }
+
+// Half of what the pictures hold in the stereographic plane: their farthest corners, of an
+// equidistant lens.
 static void extent(const sv_mrcal_problem *p, double half[2]) {
   half[0] = half[1] = SPACING;
-  for (int c = 0; c < p->b->n_cameras; c++)
-    for (int k = 0; k < 2; k++) {
-      const double *core = p->intrinsics + 4 * c;
-      const double reach = sv_maxd(core[2 + k], p->b->size_px[c][k] - core[2 + k]) / core[k];
-      half[k] = sv_maxd(half[k], sv_mind(MARGIN * reach, MAX_U));
-    }
+  for (int c = 0; c < p->b->n_cameras; c++) {
+    const double *core = p->intrinsics + 4 * c;
+    double angle[2];
+    for (int k = 0; k < 2; k++)
+      angle[k] = MARGIN * sv_maxd(core[2 + k], p->b->size_px[c][k] - core[2 + k]) / core[k];
+    const double corner = hypot(angle[0], angle[1]), inner = sv_mind(corner, MAX_ANGLE);
+    for (int k = 0; k < 2; k++) half[k] = sv_maxd(half[k], angle[k] * inner / corner * stretch(inner));
+  }
 }
 
 sv_status sv_mrcal_make_splined(sv_mrcal_problem *p, sv_err *err) {
@@ -47,7 +54,17 @@ sv_status sv_mrcal_make_splined(sv_mrcal_problem *p, sv_err *err) {
   const int n = mrcal_lensmodel_num_params(&p->lens);
   double *all = calloc((size_t)p->b->n_cameras * (size_t)n, sizeof *all);
   if (!all) return sv_fail(err, SV_E_NOMEM, "no memory for %d control points a lens", n / 2);
-  for (int c = 0; c < p->b->n_cameras; c++) memcpy(all + c * n, p->intrinsics + 4 * c, 4 * sizeof *all);
+  const double step = 4 * tan(cfg->fov_x_deg * SV_PI / 720) / n_segments;
+  for (int c = 0; c < p->b->n_cameras; c++) {
+    memcpy(all + c * n, p->intrinsics + 4 * c, 4 * sizeof *all);
+    for (int i = 0; i < cfg->Nx * cfg->Ny; i++) {
+      const double u = (i % cfg->Nx - 0.5 * (cfg->Nx - 1)) * step,
+                   v = (i / cfg->Nx - 0.5 * (cfg->Ny - 1)) * step, r = hypot(u, v);
+      const double shift = 1 / stretch(2 * atan(0.5 * r)) - 1; // to an equidistant lens
+      all[c * n + 4 + 2 * i] = shift * u;
+      all[c * n + 5 + 2 * i] = shift * v;
+    }
+  }
   free(p->intrinsics);
   p->intrinsics = all;
   p->n_params = n;

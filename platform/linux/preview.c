@@ -84,13 +84,14 @@ static void start_server(sv_linux_preview *l) {
 
 // The server is not to be trusted: what is no board is none.
 static bool read_board(sv_linux_preview *l) {
-  uint8_t b[4];
+  uint8_t b[5];
   if (read(l->pipe_fd[0], b, sizeof b) != (ssize_t)sizeof b) return false;
   const int tenths = b[2] << 8 | b[3];
-  if (b[0] < 3 || b[0] > 64 || b[1] < 3 || b[1] > 64 || tenths < 10) return false;
+  if (b[0] < 3 || b[0] > 64 || b[1] < 3 || b[1] > 64 || tenths < 10 || b[4] > 1) return false;
   l->board.n_cols = b[0];
   l->board.n_rows = b[1];
   l->board.spacing_m = 1e-4 * tenths;
+  l->board.is_fisheye = b[4];
   return true;
 }
 

@@ -21,8 +21,8 @@
 #define SV_PREVIEW_PAUSE   'p'
 #define SV_PREVIEW_SAVE    'v'
 #define SV_PREVIEW_NEW     'n'
-// With four bytes: columns and rows of inner corners, and the side of a square in units of 0.1 mm,
-// the high byte first. All five in one write.
+// With five bytes: columns and rows of inner corners, the side of a square in units of 0.1 mm, the
+// high byte first, and 1 for fisheyes, else 0. All six in one write.
 #define SV_PREVIEW_CALIBRATE 'c'
 // With five bytes: a format (sv_linux_export_format) and the number of a scan, the high byte first;
 // all in one write.
@@ -56,7 +56,8 @@ typedef struct {
   struct {
     int n_cols, n_rows;
     double spacing_m;
-  } board; // of the newest SV_COMMAND_CALIBRATE
+    bool is_fisheye; // the cameras' lenses
+  } board;           // of the newest SV_COMMAND_CALIBRATE
 } sv_linux_preview;
 
 // Of the largest model and history (sv_feed_init).

@@ -43,13 +43,14 @@ pv_answer pv_board(struct MHD_Connection *c, bool is_pdf) {
   return answer_with(is_pdf ? "application/pdf" : "image/svg+xml", text, out.len);
 }
 
-bool pv_calibrate_command(struct MHD_Connection *c, uint8_t bytes[5]) {
+bool pv_calibrate_command(struct MHD_Connection *c, uint8_t bytes[6]) {
   const char *board = MHD_lookup_connection_value(c, MHD_GET_ARGUMENT_KIND, "board");
   const char *mm = MHD_lookup_connection_value(c, MHD_GET_ARGUMENT_KIND, "mm");
+  const char *lens = MHD_lookup_connection_value(c, MHD_GET_ARGUMENT_KIND, "lens");
   int corners[2];
   double side_mm;
   if (!board || !mm || !sv_board_print_parse(board, corners) || !sv_parse_double(mm, strlen(mm), &side_mm) ||
-      !(side_mm >= 1 && side_mm <= 6000))
+      !(side_mm >= 1 && side_mm <= 6000) || (lens && strcmp(lens, "normal") && strcmp(lens, "fisheye")))
     return false;
   const int tenths = (int)(10 * side_mm + 0.5);
   bytes[0] = SV_PREVIEW_CALIBRATE;
@@ -57,6 +58,7 @@ bool pv_calibrate_command(struct MHD_Connection *c, uint8_t bytes[5]) {
   bytes[2] = (uint8_t)corners[1];
   bytes[3] = (uint8_t)(tenths >> 8);
   bytes[4] = (uint8_t)tenths;
+  bytes[5] = lens && !strcmp(lens, "fisheye");
   return true;
 }
 

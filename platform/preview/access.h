@@ -20,8 +20,9 @@ typedef struct {
 
 // GET /board.svg /board.pdf ?board=9x6&paper=a4
 pv_answer pv_board(struct MHD_Connection *c, bool is_pdf);
-// POST /calibrate?board=9x6&mm=24 -> the command (SV_PREVIEW_CALIBRATE). False: no such board.
-bool pv_calibrate_command(struct MHD_Connection *c, uint8_t bytes[5]);
+// POST /calibrate?board=9x6&mm=24&lens=normal|fisheye -> the command (SV_PREVIEW_CALIBRATE). lens
+// may be missing: normal. False: no such board or lens.
+bool pv_calibrate_command(struct MHD_Connection *c, uint8_t bytes[6]);
 // POST /qr: the link of this server with the token, as the host that was asked for, in SVG.
 pv_answer pv_link_code(const char *scheme, const char *host, const char *token);
 // POST /pin: opens a PIN. JSON with the PIN and its seconds.

@@ -352,10 +352,10 @@ static enum MHD_Result post(pv_server *s, struct MHD_Connection *c, const char *
     return post_command(s, c, (const uint8_t[]){SV_PREVIEW_MODE, (uint8_t)i}, 2);
   }
   if (!strcmp(url, "/calibrate")) {
-    uint8_t bytes[5];
+    uint8_t bytes[6];
     if (!has_token(s, c, false)) return refuse_token(c);
     if (!pv_calibrate_command(c, bytes))
-      return say(c, MHD_HTTP_BAD_REQUEST, "expected board=9x6 and mm=24\n");
+      return say(c, MHD_HTTP_BAD_REQUEST, "expected board=9x6, mm=24 and lens=normal or fisheye\n");
     return post_command(s, c, bytes, sizeof bytes);
   }
   return say(c, MHD_HTTP_NOT_FOUND, "no such page\n");

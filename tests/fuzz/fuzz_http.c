@@ -55,7 +55,7 @@ size_t fuzz_seed(int i, uint8_t *buf, size_t cap) {
       "\r\n\r\n",
       "POST /ask" HOST "X-Subview-Page: abcdefghijklmnopq\r\n\r\nPOST /give" HOST "\r\n",
       "POST /pin" HOST "\r\nPOST /pair" HOST "X-Subview-Pin: 123456\r\n\r\nPOST /qr" HOST "\r\n",
-      "POST /calibrate?board=9x6&mm=24" HOST "\r\nGET /calibration" HOST "\r\n",
+      "POST /calibrate?board=9x6&mm=24&lens=fisheye" HOST "\r\nGET /calibration" HOST "\r\n",
       "GET /board.pdf?board=9x6&paper=a4" HOST "\r\nGET /board.svg?board=64x3" HOST "\r\n",
       "GET /scans" HOST "\r\nGET /scan/1/model.spz" HOST "\r\nGET /scan/12/preview.jpg" HOST "\r\n",
       "POST /scan/1/delete" HOST "\r\nPOST /scan/1/restore" HOST "\r\nPOST /scan/99999999/purge" HOST "\r\n",

@@ -20,7 +20,8 @@
 // The hand that holds the rig moves as one that holds the board would. Poses are not told, so that
 // the rig that is found serves for all.
 #define SOURCE "sim:board,rig=stereo,path=sway,arc=40,size=320x240,turn_deg_s=40,move_m_s=0.4,poses=unknown"
-#define RUN    "--source " SOURCE " --exposures 4 --gaussians 1500 --threads 2 --steps 60 --session "
+#define SCAN   " --exposures 4 --gaussians 1500 --threads 2 --steps 60 --session "
+#define RUN    "--source " SOURCE SCAN
 
 static char root[256], token[128];
 static live_run r;
@@ -79,6 +80,7 @@ TEST(test_rig_is_installed) {
   assert_int_equal(code_of("POST", "/calibrate?board=9&mm=120", token), 400);
   assert_int_equal(code_of("POST", "/calibrate?board=9x6&mm=0", token), 400);
   assert_int_equal(code_of("POST", "/calibrate?board=9x6", token), 400);
+  assert_int_equal(code_of("POST", "/calibrate?board=9x6&mm=120&lens=wide", token), 400);
   assert_int_equal(code_of("POST", "/calibrate?board=9x6&mm=120", token), 200);
   wait_for("/state", "\"state\":\"calibrating\"", 10);
   wait_for("/calibration", "\"phase\":\"done\"", 60);
@@ -113,6 +115,26 @@ TEST(test_rig_is_installed) {
   start(RUN "--overwrite");
   assert_contains(r.err, "as it was calibrated from the page");
   live_run_stop(&r);
+}
+
+// The board is seen in the middle of the images alone: the most exposures are taken.
+TEST(test_fisheyes) {
+  need_solver();
+  start("--source " SOURCE ",lens=kb4:150" SCAN);
+  wait_for("/state", "\"state\":\"waiting\"", 20);
+  assert_int_equal(code_of("POST", "/calibrate?board=9x6&mm=120&lens=fisheye", token), 200);
+  wait_for("/calibration", "\"phase\":\"done\"", 180);
+  const char *json = (char *)answer;
+  print_message("calibrated in %.1f s, %.0f MiB at most, baseline %.4f m, %.3f px\n",
+                number(json, "\"seconds\":"), number(json, "\"peak\":") / 1048576,
+                number(json, "\"baseline_m\":"), number(json, "\"rms_px\":"));
+  assert_near(number(json, "\"baseline_m\":"), 0.837, 0.837 * 0.03);
+  assert_true(number(json, "\"rms_px\":") < 0.5);
+  wait_for("/state", "\"state\":\"waiting\"", 20);
+  shell_ok("grep -rq SPLINED_STEREOGRAPHIC '%s/out-rig'", root);
+  assert_int_equal(code_of("POST", "/start", token), 200);
+  wait_for("/state", "\"state\":\"done\"", 90);
+  assert_int_equal(live_run_stop(&r), 0);
 }
 
 // Cancelled: the run is ready again, with the rig as before, and no process is left.
@@ -205,6 +227,7 @@ FIXTURE(remove_root) { return temp_folder_remove(root); }
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test_teardown(test_rig_is_installed, stop),
+      cmocka_unit_test_teardown(test_fisheyes, stop),
       cmocka_unit_test_teardown(test_cancel, stop),
       cmocka_unit_test_teardown(test_page, stop),
   };

@@ -84,7 +84,7 @@ static const sv_option table[] = {
      0, 0, 0},
     {"board", SV_OPT_TEXT, CAL_PHOTOMETRIC, 0, AT(board), "WxH", "inner corners of the chessboard: 9x6", 0, 0,
      0},
-    {"model", SV_OPT_WORD, CAL_BOARD, 0, AT(model),
+    {"model", SV_OPT_WORD, CAL_BOARD | CAL_LIVE, 0, AT(model),
      "LENSMODEL_PINHOLE|LENSMODEL_OPENCV4|LENSMODEL_OPENCV5|LENSMODEL_OPENCV8|LENSMODEL_SPLINED_"
      "STEREOGRAPHIC",
      "lens model [LENSMODEL_OPENCV5]; of fisheyes the last one", 0, 0, 0},

@@ -113,7 +113,7 @@ function show_calibration(s) {
 }
 const start_run = $("start").onclick;
 $("start").onclick = () => (needs_rig() ? show_page("calibrate") : start_run());
-$("cal-start").onclick = () => ask("calibrate?board=" + encodeURIComponent($("cal-board").value.trim()) + "&mm=" + encodeURIComponent($("cal-mm").value.replace(",", ".")));
+$("cal-start").onclick = () => ask("calibrate?board=" + encodeURIComponent($("cal-board").value.trim()) + "&mm=" + encodeURIComponent($("cal-mm").value.replace(",", ".")) + "&lens=" + $("cal-lens").value);
 $("cal-finish").onclick = () => ask("start");
 $("cal-cancel").onclick = () => ask("new");
 document.addEventListener("page", (e) => e.detail === "calibrate" && (choose_board(), look_at_calibration()));
