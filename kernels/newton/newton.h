@@ -50,13 +50,17 @@ typedef struct {
   float beta1;
   float rate;
   float damping;    // times a row's mean of diag over the block is added to diag
-  const float *cap; // [n_rows] longest step, > 0
-  int n_rows;
+  float cap_mean;   // longest step of a mean, > 0: times the geometric mean of the Gaussian's axes
+  const float *cap; // [n_rows] longest step of the other rows, > 0
+  int n_rows;       // of kernels/project/project.h, at least 10
 } sv_newton_args;
 
 // p, m: [n_rows][16] of the block, updated; grad, diag [n_rows][16]. Lanes whose bit in touched is
 // 0 keep p and m; parameters without an estimate (diag 0) stay where they are.
 //   m = b1 m + (1-b1) g;  p -= clamp(rate m / (diag + damping mean(diag)), -cap, cap). exact.
+// A mean may move by a share of its Gaussian's size: so far the picture is about linear in it.
+#define SV_NEWTON_LOG2E_3 0.480898347f // log2(e) / 3: of the mean of three logarithms
+
 typedef void sv_newton_fn(const sv_newton_args *a, uint32_t touched, const float *grad, const uint16_t *diag,
                           float *p, uint16_t *m);
 

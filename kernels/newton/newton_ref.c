@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "kernels/newton/newton.h"
+#include "kernels/project/project.h"
 
 #include <math.h>
 #include <string.h>
@@ -28,9 +29,12 @@ void sv_curvature_ref(float keep, int n_rows, uint32_t touched, const float *x, 
 
 void sv_newton_ref(const sv_newton_args *a, uint32_t touched, const float *grad, const uint16_t *diag,
                    float *p, uint16_t *m) {
-  float c1 = 1.0f - a->beta1;
+  float c1 = 1.0f - a->beta1, size[16];
+  const float *s = p + 16 * SV_ROW_SCALE;
+  for (int k = 0; k < 16; k++)
+    size[k] = a->cap_mean * s1_exp2_fine((s[k] + s[16 + k] + s[32 + k]) * SV_NEWTON_LOG2E_3);
   for (int row = 0; row < a->n_rows; row++) {
-    float d[16], lanes[16], cap = a->cap[row];
+    float d[16], lanes[16];
     for (int k = 0; k < 16; k++) d[k] = lanes[k] = s1_from_high(diag[16 * row + k]);
     float ridge = a->damping * (s1_sum16(lanes) * (1.0f / 16.0f));
     for (int k = 0; k < 16; k++) {
@@ -39,7 +43,7 @@ void sv_newton_ref(const sv_newton_args *a, uint32_t touched, const float *grad,
       float mean = fmaf(a->beta1, s1_from_high(m[i]), c1 * grad[i]);
       m[i] = s1_high(mean);
       if (!(d[k] > 0.0f)) continue;
-      float step = a->rate * mean / (d[k] + ridge);
+      float step = a->rate * mean / (d[k] + ridge), cap = row < SV_ROW_QUAT ? size[k] : a->cap[row];
       p[i] -= s1_max(s1_min(step, cap), -cap);
     }
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // `probe`, `curvature` and `newton` on 16 lanes. newton_ref.c is the specification.
 #include "kernels/newton/newton.h"
+#include "kernels/project/project.h"
 #include "kernels/simd/v16.h"
 
 void V(sv_probe)(const sv_probe_args *a) {
@@ -51,15 +52,18 @@ void V(sv_newton)(const sv_newton_args *a, uint32_t touched, const float *grad, 
                   float *p, uint16_t *m) {
   const v16 b1 = v16_set1(a->beta1), c1 = v16_set1(1.0f - a->beta1), rate = v16_set1(a->rate);
   const v16m on = v16m_from_bits(touched);
-  const float *cap = a->cap;
+  const float *cap = a->cap, *scale = p + 16 * SV_ROW_SCALE;
+  v16 size = v16_add(v16_add(v16_load(scale), v16_load(scale + 16)), v16_load(scale + 32));
+  size = v16_mul(v16_set1(a->cap_mean), v16_exp2_fine(v16_mul(size, v16_set1(SV_NEWTON_LOG2E_3))));
   for (int left = a->n_rows; left > 0; left -= ROWS) {
     const int n = left < ROWS ? left : ROWS;
 #ifndef V16_UNROLL
     float ridge[4 * ROWS];
     dampings(a->damping, n, diag, ridge);
 #endif
-    for (int row = 0; row < n; row++, grad += 16, diag += 16, p += 16, m += 16) {
-      v16 d = v16_load_high(diag), m0 = v16_load_high(m), p0 = v16_load(p), longest = v16_set1(*cap++);
+    for (int row = 0; row < n; row++, grad += 16, diag += 16, p += 16, m += 16, cap++) {
+      v16 d = v16_load_high(diag), m0 = v16_load_high(m), p0 = v16_load(p);
+      const v16 longest = left == a->n_rows && row < SV_ROW_QUAT ? size : v16_set1(*cap);
       v16 m1 = v16_sel(on, v16_fma(b1, m0, v16_mul(c1, v16_load(grad))), m0);
 #ifdef V16_UNROLL
       v16 more = v16_set1(a->damping * (v16_sum(d) * (1.0f / 16.0f)));

@@ -77,11 +77,17 @@ static void set_surface(sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
 #define SETTLE_FROM      0.8f
 #define SETTLE_EXPOSURES 6 // and more
 
+// Their Gaussians move by smaller shares of their size, so that less damping is needed.
+#define MANY_CAP_MEAN 0.02f
+#define MANY_DAMPING  0.3f
+
 static void set_many_exposures(sv_train_cfg *cfg, int n_exposures) {
   if (n_exposures >= MANY_EXPOSURES) cfg->relocate_share = RELOCATED_SHARE;
   if (n_exposures < SETTLE_EXPOSURES) return;
   cfg->settle_from = SETTLE_FROM;
   cfg->newton.rate_end = cfg->newton.rate_start;
+  cfg->newton.cap_mean = MANY_CAP_MEAN;
+  cfg->newton.damping = MANY_DAMPING;
 }
 
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {

@@ -4,6 +4,7 @@
 // gradients never leave the cache. Steps of several images sum their gradients per block first.
 #include "src/train/optimize.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "src/base/mathx.h"
@@ -103,6 +104,7 @@ static sv_newton_args newton_args(job *j, float mean_lr, float progress) {
   return (sv_newton_args){.beta1 = keep_gradient(&j->t->cfg),
                           .rate = settling * newton_rate(&j->t->cfg, progress),
                           .damping = c->damping,
+                          .cap_mean = settling * c->cap_mean,
                           .cap = j->lr,
                           .n_rows = SV_N_ROWS(j->t->render.project.sh_degree)};
 }
@@ -203,10 +205,17 @@ static void scale_gradients(const job *j, const far_lanes *far, const float *p, 
   }
 }
 
-static void scale_steps(const far_lanes *far, const float old[48], float *mean) {
-  for (uint32_t on = far->lanes; on; on &= on - 1)
-    for (int i = __builtin_ctz(on); i < 48; i += 16)
-      mean[i] = old[i] + far->factor[i & 15] * (mean[i] - old[i]);
+// p: the block, its means after their steps; old [3][16]: before. A Newton step is still not longer
+// than the share of the Gaussian's size.
+static void scale_steps(const job *j, const far_lanes *far, const float old[48], float *p) {
+  const bool is_newton = j->t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON;
+  for (uint32_t on = far->lanes; on; on &= on - 1) {
+    const int k = __builtin_ctz(on);
+    const float *s = p + 16 * SV_ROW_SCALE + k;
+    const float size = (float)sv_exp((double)(s[0] + s[16] + s[32]) / 3);
+    const float most = is_newton ? j->newton.cap_mean * size : HUGE_VALF;
+    for (int i = k; i < 48; i += 16) p[i] = old[i] + sv_clampf(far->factor[k] * (p[i] - old[i]), -most, most);
+  }
 }
 
 static void move(const job *j, int b, const block_grads *from, noise_batch *w) {
@@ -224,7 +233,7 @@ static void move(const job *j, int b, const block_grads *from, noise_batch *w) {
   if (t->cfg.optimizer == SV_OPTIMIZER_ADAM)
     t->compute.k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
   else t->compute.k->newton(&j->newton, touched, grad, t->v + at, p, t->m + at);
-  scale_steps(&far, old, p + 16 * SV_ROW_MEAN);
+  scale_steps(j, &far, old, p);
   const uint32_t below =
       t->compute.k->blend_errors(j->is_error_due ? from->has_err : 0, ERR_KEEP, from->err,
                                  t->err + 16 * (size_t)b, p + 16 * SV_ROW_LOGIT, NOISE_BELOW);

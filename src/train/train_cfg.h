@@ -55,8 +55,10 @@ typedef struct {
   bool is_boosted; // Whether both rates are boosted in short runs, for few images, whose gradients
                    // agree. Default false.
   float damping;   // Weight of the mean diagonal over a block of 16 Gaussians. Default 1.
-  float cap;       // No step is longer than so many of Adam's. Default 5.
-  float cap_scale; // The same, of log-scales. Default 2.5.
+  // Longest step of a mean, a share of the geometric mean of the Gaussian's axes. Default 0.04.
+  float cap_mean;
+  float cap_scale; // Of log-scales, in steps of Adam. Default 2.5.
+  float cap;       // The same, of all others. Default 5.
 } sv_newton_cfg;
 
 typedef struct sv_train_cfg {

@@ -77,7 +77,7 @@ static void open_training(sv_train_cfg cfg, bool is_measurement) {
   cfg.relocate_every = 0;
   cfg.start_scale = 1;
   cfg.newton.first_every = cfg.newton.every = 1;
-  cfg.newton.cap = cfg.newton.cap_scale = 0;
+  cfg.newton.cap = cfg.newton.cap_scale = cfg.newton.cap_mean = 0;
   if (sv_trainer_init(&t, &cfg, (sv_compute){&k, &pool}, &a, &err) < 0) fail_msg("%s", err.text);
   for (int px = 0; px < W * H * 3; px++) picture[px] = (px / 20) % 2 ? 255 : 0;
   sv_view view = view_from(0);
