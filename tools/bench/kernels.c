@@ -238,7 +238,7 @@ static sv_status prepare(ctx *c, sv_bench_scene *scene, sv_arena *a, sv_err *err
                                 .g_rgb = {t->grad.c[0], t->grad.c[1], t->grad.c[2]},
                                 .igrad = t->render.igrad};
   c->newton = (sv_newton_args){
-      .beta1 = 0.9f, .rate = 0.1f, .damping = 1, .cap_mean = 0.02f, .cap = c->cap, .n_rows = t->g.n_rows};
+      .beta1 = 0.9f, .rate = 0.1f, .damping = 1, .cap_mean = 1e-25f, .cap = c->cap, .n_rows = t->g.n_rows};
   return SV_OK;
 }
 

@@ -62,6 +62,7 @@ static sv_train_cfg train_cfg(const sv_bench_step *size) {
   c.newton.first_steps = c.newton.half_from = 0; // as in long runs
   // Nothing moves
   c.lr = (sv_learning_rates){1e-25f, 1e-25f, 1e-25f, 1e-25f, 1e-25f, 1e-25f, 1e-25f};
+  c.newton.cap_mean = 1e-25f;
   // nothing may be left out of what is timed
   c.cap_intersections = 64u * (uint32_t)c.n_gaussians + 40000u;
   return c;
