@@ -55,12 +55,12 @@ typedef struct {
   int n_rows;       // of kernels/project/project.h, at least 10
 } sv_newton_args;
 
+#define SV_NEWTON_LOG2E_3 0.480898347f // log2(e) / 3: of the mean of three logarithms
+
 // p, m: [n_rows][16] of the block, updated; grad, diag [n_rows][16]. Lanes whose bit in touched is
 // 0 keep p and m; parameters without an estimate (diag 0) stay where they are.
 //   m = b1 m + (1-b1) g;  p -= clamp(rate m / (diag + damping mean(diag)), -cap, cap). exact.
-// A mean may move by a share of its Gaussian's size: so far the picture is about linear in it.
-#define SV_NEWTON_LOG2E_3 0.480898347f // log2(e) / 3: of the mean of three logarithms
-
+// Of a mean the cap grows with its Gaussian: a longer move is not linear in the picture.
 typedef void sv_newton_fn(const sv_newton_args *a, uint32_t touched, const float *grad, const uint16_t *diag,
                           float *p, uint16_t *m);
 
