@@ -49,9 +49,9 @@ typedef struct {
   // Number of functions of time for position, rotation and colour. Defaults 6, 3 and 1;
   // sv_dynamic_set_times sets all three, of colour half as many as of position.
   int n_pos, n_rot, n_colour;
-  float lr_pos;     // Learning rate of position coefficients, times that of the means. Default 30.
-  float lr_rot;     // Learning rate of rotation coefficients. Default 2e-3.
-  float lr_colour;  // Learning rate of color coefficients. Default 2e-3.
+  float lr_pos;     // Learning rate of position coefficients, times that of the means. Default 3.
+  float lr_rot;     // Learning rate of rotation coefficients. Default 6e-4.
+  float lr_colour;  // Learning rate of color coefficients. Default 6e-4.
   float lr_window;  // Learning rate of the centre and the sharpness of a Gaussian's window in time.
                     // Default 0.01.
   float reg_pos;    // Weight of the mean length of position coefficients, per scene radius. Default
@@ -76,7 +76,7 @@ typedef struct {
   // matched in the images of a new time before they are trained on (match.c). Default
   // SV_CAP_BODIES - 1.
   int n_bodies;
-  float lr_body; // Learning rate of the bodies' poses, times that of the means. Default 20.
+  float lr_body; // Learning rate of the bodies' poses, times that of the means. Default 7.
   // Smallest share of the turns that images of unusually long or short lenses get
   // (sv_dynamic_turn_share). Default 0.2.
   float share_min;

@@ -68,8 +68,8 @@ static void set_surface(sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
   cfg->weight_reproject = s->is_moving ? 0.0f : 0.2f;
 }
 
-// Of the Gaussians, in each relocation: many exposures of a still scene tell which ones matter
-// least.
+// Of the Gaussians, in each relocation: many exposures, and many instants of a moving scene, tell
+// which ones matter least.
 #define RELOCATED_SHARE 0.02f
 
 // Each step follows one view of many. Full rates until late win most, and a short fall at the end
@@ -90,7 +90,21 @@ static void set_many_exposures(sv_train_cfg *cfg, int n_exposures) {
   cfg->newton.damping = MANY_DAMPING;
 }
 
+// Adam's rates of means: larger than in still scenes and falling less, while rates of motion, which
+// are times these, are smaller (docs/notes/motion.md).
+#define MOVING_MEAN_START 4.8e-4f
+#define MOVING_MEAN_END   1.9e-5f
+#define MOVING_NOISE      0.33f // it is times the rate of means
+
+static void set_moving(sv_train_cfg *cfg) {
+  cfg->lr.mean_start = MOVING_MEAN_START;
+  cfg->lr.mean_end = MOVING_MEAN_END;
+  cfg->noise = MOVING_NOISE;
+  cfg->relocate_share = RELOCATED_SHARE;
+}
+
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
+  if (s->is_moving) set_moving(cfg);
   if (!s->is_moving && !s->is_multiplexed) set_many_exposures(cfg, s->n_exposures);
   bool is_grid = s->n_sub_views >= GRID_VIEWS || s->is_multiplexed;
   // Lens images are coarser than the pictures that one looks at.
