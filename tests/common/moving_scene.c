@@ -79,6 +79,10 @@ moving_scene_settings moving_scene_cfg(sv_deform_kind kind, int n, int n_steps) 
   c.has_motion = kind != SV_DEFORM_NONE;
   moving_scene_settings m = {.train = c, .dynamic = sv_dynamic_defaults(), .held_out = -1};
   m.dynamic.kind = kind;
+  // Beside rates of means that are a still scene's.
+  m.dynamic.lr_pos = 30;
+  m.dynamic.lr_rot = m.dynamic.lr_colour = 2e-3f;
+  m.dynamic.lr_body = 20;
   (void)sv_field_preset("tiny", &m.dynamic.field);
   sv_dynamic_set_times(&m.dynamic, n_steps, MS_TIMES - 1);
   return m;
