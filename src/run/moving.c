@@ -62,9 +62,9 @@ sv_dynamic_cfg sv_app_dynamic_cfg(const sv_app_cfg *c) {
   if (!c->is_continuous) return d;
   d.functions = SV_MOTION_POWERS;
   d.n_pos = d.n_rot = d.n_colour = 1; // exposures of a ring are too few for more
-  d.lr_rot = d.lr_colour = 2e-3f; // rates are per second, not per clip
+  d.lr_rot = d.lr_colour = 2e-3f;     // rates are per second, not per clip
   d.lr_body = 20;
-  d.lr_window = d.window_start = 0;   // windows in a time that has no end
+  d.lr_window = d.window_start = 0; // windows in a time that has no end
   d.from = d.grow_until = 0;
   d.find_every = d.find_until = 0; // by exposures instead
   // Five of six steps see the newest exposure, the others those of the ring in turn: they keep the
