@@ -49,7 +49,8 @@ typedef void sv_curvature_fn(float keep, int n_rows, uint32_t touched, const flo
 typedef struct {
   float beta1;
   float rate;
-  float damping;    // times a row's mean of diag over the block is added to diag
+  // [n_rows] times a row's mean of diag over the block is added to diag
+  const float *damping;
   float cap_mean;   // longest step of a mean, > 0: times the geometric mean of the Gaussian's axes
   const float *cap; // [n_rows] longest step of the other rows, > 0
   int n_rows;       // of kernels/project/project.h, at least 10

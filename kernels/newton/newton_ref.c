@@ -36,7 +36,7 @@ void sv_newton_ref(const sv_newton_args *a, uint32_t touched, const float *grad,
   for (int row = 0; row < a->n_rows; row++) {
     float d[16], lanes[16];
     for (int k = 0; k < 16; k++) d[k] = lanes[k] = s1_from_high(diag[16 * row + k]);
-    float ridge = a->damping * (s1_sum16(lanes) * (1.0f / 16.0f));
+    float ridge = a->damping[row] * (s1_sum16(lanes) * (1.0f / 16.0f));
     for (int k = 0; k < 16; k++) {
       int i = 16 * row + k;
       if (!(touched >> k & 1)) continue;

@@ -30,15 +30,15 @@ void V(sv_curvature)(float keep, int n_rows, uint32_t touched, const float *x, i
   }
 }
 
-// The dampings of n rows, at most ROWS: that of row i at 4 i. Four at a time, and before all steps:
-// alone a sum of lanes waits longer for itself than the rest of a row takes. Not so where a vector
-// is four registers: the diagonal would be taken apart twice.
+// The means of n rows of diag, at most ROWS: that of row i at 4 i. Four at a time, and before all
+// steps: alone a sum of lanes waits longer for itself than the rest of a row takes. Not so where a
+// vector is four registers: the diagonal would be taken apart twice.
 #define ROWS 32
 #ifndef V16_UNROLL
-static inline void dampings(float damping, int n, const uint16_t *diag, float *out) {
-  const v16 by = v16_set1(damping), sixteenth = v16_set1(1.0f / 16.0f), z = v16_zero();
+static inline void means(int n, const uint16_t *diag, float *out) {
+  const v16 sixteenth = v16_set1(1.0f / 16.0f), z = v16_zero();
   int row = 0;
-#define PUT(a, b, c, d) v16_store(out + 4 * row, v16_mul(by, v16_mul(v16_sum4(a, b, c, d), sixteenth)))
+#define PUT(a, b, c, d) v16_store(out + 4 * row, v16_mul(v16_sum4(a, b, c, d), sixteenth))
   for (; row + 4 <= n; row += 4, diag += 64)
     PUT(v16_load_high(diag), v16_load_high(diag + 16), v16_load_high(diag + 32), v16_load_high(diag + 48));
   if (row == n) return;
@@ -52,23 +52,23 @@ void V(sv_newton)(const sv_newton_args *a, uint32_t touched, const float *grad, 
                   float *p, uint16_t *m) {
   const v16 b1 = v16_set1(a->beta1), c1 = v16_set1(1.0f - a->beta1), rate = v16_set1(a->rate);
   const v16m on = v16m_from_bits(touched);
-  const float *cap = a->cap, *scale = p + 16 * SV_ROW_SCALE;
+  const float *cap = a->cap, *damping = a->damping, *scale = p + 16 * SV_ROW_SCALE;
   v16 size = v16_add(v16_add(v16_load(scale), v16_load(scale + 16)), v16_load(scale + 32));
   size = v16_mul(v16_set1(a->cap_mean), v16_exp2_fine(v16_mul(size, v16_set1(SV_NEWTON_LOG2E_3))));
   for (int left = a->n_rows; left > 0; left -= ROWS) {
     const int n = left < ROWS ? left : ROWS;
 #ifndef V16_UNROLL
-    float ridge[4 * ROWS];
-    dampings(a->damping, n, diag, ridge);
+    float mean[4 * ROWS];
+    means(n, diag, mean);
 #endif
-    for (int row = 0; row < n; row++, grad += 16, diag += 16, p += 16, m += 16, cap++) {
+    for (int row = 0; row < n; row++, grad += 16, diag += 16, p += 16, m += 16, cap++, damping++) {
       v16 d = v16_load_high(diag), m0 = v16_load_high(m), p0 = v16_load(p);
       const v16 longest = left == a->n_rows && row < SV_ROW_QUAT ? size : v16_set1(*cap);
       v16 m1 = v16_sel(on, v16_fma(b1, m0, v16_mul(c1, v16_load(grad))), m0);
 #ifdef V16_UNROLL
-      v16 more = v16_set1(a->damping * (v16_sum(d) * (1.0f / 16.0f)));
+      v16 more = v16_set1(*damping * (v16_sum(d) * (1.0f / 16.0f)));
 #else
-      v16 more = v16_set1(ridge[4 * row]);
+      v16 more = v16_set1(*damping * mean[4 * row]);
 #endif
       v16 step = v16_div(v16_mul(rate, m1), v16_add(d, more));
       step = v16_max(v16_min(step, longest), v16_neg(longest));

@@ -25,7 +25,8 @@ typedef struct {
   sv_adam_args adam;
   sv_newton_args newton;
   float lr[SV_CAP_ROWS]; // of Adam; with Gauss-Newton the longest steps
-  float noise_gain;      // displacement in units of sigma^2
+  float damping[SV_CAP_ROWS];
+  float noise_gain; // displacement in units of sigma^2
   sv_regularisers reg;
   int n_blocks;
   bool has_err; // collect: the error, too
@@ -101,9 +102,11 @@ static sv_newton_args newton_args(job *j, float mean_lr, float progress) {
   const float settling = sv_train_settling(&j->t->cfg, progress);
   fill_rates(j, mean_lr, settling * c->cap, 1.0f);
   for (int i = SV_ROW_SCALE; i < SV_ROW_LOGIT; i++) j->lr[i] = settling * c->cap_scale * j->t->cfg.lr.scale;
+  for (int i = 0; i < SV_CAP_ROWS; i++)
+    j->damping[i] = i >= SV_ROW_SCALE && i < SV_ROW_SH ? c->damping_size : c->damping;
   return (sv_newton_args){.beta1 = keep_gradient(&j->t->cfg),
                           .rate = settling * newton_rate(&j->t->cfg, progress),
-                          .damping = c->damping,
+                          .damping = j->damping,
                           .cap_mean = settling * c->cap_mean,
                           .cap = j->lr,
                           .n_rows = SV_N_ROWS(j->t->render.project.sh_degree)};

@@ -48,6 +48,7 @@ sv_train_cfg sv_train_defaults(void) {
                  .rate_start = 0.1f,
                  .rate_end = 0.02f,
                  .damping = 1.0f,
+                 .damping_size = 1.0f,
                  .cap_mean = 0.04f,
                  .cap_scale = 2.5f,
                  .cap = 5.0f},

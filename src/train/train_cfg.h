@@ -55,6 +55,8 @@ typedef struct {
   bool is_boosted; // Whether both rates are boosted in short runs, for few images, whose gradients
                    // agree. Default false.
   float damping;   // Weight of the mean diagonal over a block of 16 Gaussians. Default 1.
+  // The same, of log-scales and opacities: how much of a picture a Gaussian takes. Default 1.
+  float damping_size;
   // Longest step of a mean, a share of the geometric mean of the Gaussian's axes. Default 0.04.
   float cap_mean;
   float cap_scale; // Of log-scales, in steps of Adam. Default 2.5.

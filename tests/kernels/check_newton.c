@@ -119,7 +119,7 @@ CK_REGISTER(curvature, check_curvature, bench_curvature)
 // --- the step ----------------------------------------
 
 typedef struct {
-  float *cap, *grad, *p;
+  float *cap, *damping, *grad, *p;
   uint16_t *diag, *m;
   sv_newton_args args;
   uint32_t touched;
@@ -127,9 +127,16 @@ typedef struct {
 
 static newton_job make_newton(ck *c, int n_rows, int fill, uint32_t touched) {
   size_t n = 16 * (size_t)n_rows;
-  newton_job j = {ck_floats(c, (size_t)n_rows), ck_floats(c, n), ck_floats(c, n), .touched = touched};
+  newton_job j = {.cap = ck_floats(c, (size_t)n_rows),
+                  .damping = ck_floats(c, (size_t)n_rows),
+                  .grad = ck_floats(c, n),
+                  .p = ck_floats(c, n),
+                  .touched = touched};
   float *diag = ck_floats(c, n), *m = ck_floats(c, n);
-  for (int i = 0; i < n_rows; i++) j.cap[i] = 1e-2f * (float)(1 + i % 7);
+  for (int i = 0; i < n_rows; i++) {
+    j.cap[i] = 1e-2f * (float)(1 + i % 7);
+    j.damping[i] = 0.3f * (float)(1 + i % 4);
+  }
   ck_fill(c, j.grad, n, fill);
   ck_fill(c, diag, n, fill);
   ck_fill(c, j.p, n, CK_SIGNED);
@@ -138,7 +145,7 @@ static newton_job make_newton(ck *c, int n_rows, int fill, uint32_t touched) {
   j.diag = ck_highs(c, diag, n);
   j.m = ck_highs(c, m, n);
   j.args = (sv_newton_args){
-      .beta1 = 0.9f, .rate = 0.1f, .damping = 1.0f, .cap_mean = 0.02f, .cap = j.cap, .n_rows = n_rows};
+      .beta1 = 0.9f, .rate = 0.1f, .damping = j.damping, .cap_mean = 0.02f, .cap = j.cap, .n_rows = n_rows};
   return j;
 }
 
