@@ -20,10 +20,11 @@ typedef struct {
   const sv_kernels *k; // the variant that is timed
   sv_raster_bwd_args bwd;
   sv_newton_args newton;
-  float cap[SV_CAP_ROWS], damping[SV_CAP_ROWS]; // 0: nothing moves
-  uint32_t *id;                                 // [N_GAUSSIANS] visible ones
-  uint32_t *at;                                 // [tiles]
-  float *block;                                 // [SV_CAP_ROWS + 1][16]
+  float cap[SV_CAP_ROWS]; // 0: nothing moves
+  float damping[SV_CAP_ROWS];
+  uint32_t *id; // [N_GAUSSIANS] visible ones
+  uint32_t *at; // [tiles]
+  float *block; // [SV_CAP_ROWS + 1][16]
   const uint8_t *picture;
   sv_bench_counts counts;
 } ctx;
@@ -237,6 +238,7 @@ static sv_status prepare(ctx *c, sv_bench_scene *scene, sv_arena *a, sv_err *err
   c->bwd = (sv_raster_bwd_args){.fwd = &t->render.raster,
                                 .g_rgb = {t->grad.c[0], t->grad.c[1], t->grad.c[2]},
                                 .igrad = t->render.igrad};
+  for (int i = 0; i < SV_CAP_ROWS; i++) c->damping[i] = 1;
   c->newton = (sv_newton_args){.beta1 = 0.9f,
                                .rate = 0.1f,
                                .damping = c->damping,
