@@ -78,7 +78,7 @@ static void set_surface(sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
 #define SETTLE_EXPOSURES 6 // and more
 
 // Their Gaussians move by smaller shares of their size, so that less damping is needed, but not of
-// scales and opacities: photographs are worse with it (docs/notes/quality.md).
+// scales and opacities: with less, photographs are worse (docs/notes/quality.md).
 #define MANY_CAP_MEAN 0.02f
 #define MANY_DAMPING  0.3f
 
