@@ -165,7 +165,9 @@ static sv_train_cfg train_cfg(const subview_config *c) {
   }
   if (c->render_width_px > 0 && c->render_height_px > 0) widen(&t, c->render_width_px, c->render_height_px);
   t.is_antialiased = f_max > (double)SV_MIP_FOCAL_RATIO * f_min;
-  const sv_sampling sampling = {.n_exposures = c->n_exposures, .n_sub_views = c->n_cameras};
+  sv_sampling sampling = {.n_exposures = c->n_exposures, .n_sub_views = c->n_cameras};
+  for (int i = 0; i < c->n_cameras; i++)
+    sampling.largest_px = sv_maxi(sampling.largest_px, c->cameras[i].width_px * c->cameras[i].height_px);
   sv_train_set_objective(&t, &sampling);
   return t;
 }

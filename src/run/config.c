@@ -96,20 +96,24 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
   t.n_threads = n_threads;
   t.cap_width_px = t.cap_height_px = 1;
   t.cap_pixels = 0;
+  if (c->steps) t.expected_steps = (int)c->steps;
   if (is_multiplexed(c)) plan_measurements(c, &t);
   sv_focal_range focal = {0};
+  int largest_px = 0;
   for (int i = 0; i < c->rig->n_sub_views; i++) {
     const sv_camera_model *m = &c->rig->sub_views[i].model;
     size_t px = sv_plane_floats(m->width_px, m->height_px);
     t.cap_width_px = sv_maxi(t.cap_width_px, m->width_px);
     t.cap_height_px = sv_maxi(t.cap_height_px, m->height_px);
     if (px > t.cap_pixels) t.cap_pixels = px;
+    largest_px = sv_maxi(largest_px, m->width_px * m->height_px);
     if (sv_app_is_trained_on(c, i)) sv_focal_range_add(&focal, (float)m->p[0]);
   }
   if (sv_focal_range_needs_antialiasing(&focal)) t.is_antialiased = true;
   const sv_sampling sampling = {.n_exposures = c->n_exposures,
                                 .is_moving = c->is_dynamic,
                                 .n_sub_views = sv_app_n_trained_sub_views(c),
+                                .largest_px = largest_px,
                                 .is_multiplexed = is_multiplexed(c)};
   sv_driver_set_objective(&t, &sampling, c->optimizer);
   if (c->is_continuous) {
@@ -126,6 +130,5 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
   t.is_deep = c->is_deep;
   t.is_rolling = is_rolling(c);
   if (c->is_dynamic) sv_app_plan_moving(c, &t);
-  if (c->steps) t.expected_steps = (int)c->steps;
   return t;
 }

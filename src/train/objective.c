@@ -82,9 +82,25 @@ static void set_surface(sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
 #define MANY_CAP_MEAN 0.02f
 #define MANY_DAMPING  0.3f
 
-static void set_many_exposures(sv_train_cfg *cfg, int n_exposures) {
-  if (n_exposures >= MANY_EXPOSURES) cfg->relocate_share = RELOCATED_SHARE;
-  if (n_exposures < SETTLE_EXPOSURES) return;
+// Of many exposures, large pictures at half their size still show most of what there is to learn, for
+// a quarter of the work: half of a run, but in long ones, for which each step at full size counts,
+// not more than so many steps. Relocation that goes on as much longer puts Gaussians where full size
+// needs them (docs/notes/speed.md).
+#define LARGE_PX      300000
+#define LARGE_SHARE   0.5f
+#define LARGE_REDUCED 1500.0f
+
+static void set_large_pictures(sv_train_cfg *cfg) {
+  const float share = LARGE_REDUCED / sv_maxf((float)cfg->expected_steps, 1.0f);
+  const float later = sv_clampf(share, cfg->fine_at, LARGE_SHARE) - cfg->fine_at;
+  cfg->fine_at += later;
+  cfg->relocate_share_until += later;
+}
+
+static void set_many_exposures(sv_train_cfg *cfg, const sv_sampling *s) {
+  if (s->n_exposures >= MANY_EXPOSURES) cfg->relocate_share = RELOCATED_SHARE;
+  if (s->n_exposures >= MANY_EXPOSURES && s->largest_px >= LARGE_PX) set_large_pictures(cfg);
+  if (s->n_exposures < SETTLE_EXPOSURES) return;
   cfg->settle_from = SETTLE_FROM;
   cfg->newton.rate_end = cfg->newton.rate_start;
   cfg->newton.cap_mean = MANY_CAP_MEAN;
@@ -106,7 +122,7 @@ static void set_moving(sv_train_cfg *cfg) {
 
 void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   if (s->is_moving) set_moving(cfg);
-  if (!s->is_moving && !s->is_multiplexed) set_many_exposures(cfg, s->n_exposures);
+  if (!s->is_moving && !s->is_multiplexed) set_many_exposures(cfg, s);
   bool is_grid = s->n_sub_views >= GRID_VIEWS || s->is_multiplexed;
   // Lens images are coarser than the pictures that one looks at.
   if (is_grid) {

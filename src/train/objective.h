@@ -17,6 +17,7 @@ extern "C" {
 typedef struct {
   int n_exposures;
   int n_sub_views;     // of an exposure
+  int largest_px;      // pixels of the largest picture
   bool is_multiplexed; // their images overlap on the sensor
   bool is_moving;      // the scene moves; n_exposures then counts the places that the rig was at
   bool is_far;         // starts far from the surface though views may overlap that could have

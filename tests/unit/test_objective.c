@@ -121,6 +121,33 @@ TEST(test_far) {
   }
 }
 
+static sv_train_cfg of_pixels(int n_px, int n_steps, int n_exposures, bool is_moving) {
+  sv_train_cfg c = sv_train_defaults();
+  c.expected_steps = n_steps;
+  sv_train_set_objective(
+      &c, &(sv_sampling){
+              .n_exposures = n_exposures, .n_sub_views = 2, .largest_px = n_px, .is_moving = is_moving});
+  return c;
+}
+
+// Large pictures of many exposures of a still scene reach full size later, but not in long runs, and
+// relocate shares until after that.
+TEST(test_large_pictures) {
+  const sv_train_cfg usual = sv_train_defaults(), small = of_pixels(320 * 240, 1000, 24, false);
+  assert_true(small.fine_at == usual.fine_at);
+  assert_true(small.relocate_share_until == usual.relocate_share_until);
+  assert_true(of_pixels(640 * 480, 1000, 24, true).fine_at == usual.fine_at);
+  assert_true(of_pixels(640 * 480, 1000, 12, false).fine_at == usual.fine_at);
+  float before = 1;
+  for (int n = 0; n <= 5000; n += 500) {
+    const sv_train_cfg c = of_pixels(640 * 480, n, 24, false);
+    assert_true(c.fine_at >= usual.fine_at && c.fine_at <= 0.5f && c.fine_at <= before);
+    assert_true((c.fine_at > usual.fine_at) == (n < 5000));
+    assert_true(c.relocate_share_until > c.fine_at);
+    before = c.fine_at;
+  }
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_dropout),
                                      cmocka_unit_test(test_relocated_share),
@@ -128,6 +155,7 @@ int main(void) {
                                      cmocka_unit_test(test_random_backgrounds),
                                      cmocka_unit_test(test_weight_of_many),
                                      cmocka_unit_test(test_smooth_depth),
-                                     cmocka_unit_test(test_far)};
+                                     cmocka_unit_test(test_far),
+                                     cmocka_unit_test(test_large_pictures)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -129,6 +129,7 @@ sv_sampling lab_sampling_of(const lab_views *v) {
       n++;
     }
     s.n_exposures += is_first;
+    s.largest_px = sv_maxi(s.largest_px, v->frames[i].view.width_px * v->frames[i].view.height_px);
     if (n > s.n_sub_views) s.n_sub_views = n;
   }
   return s;
