@@ -227,6 +227,6 @@ sv_status sv_prior_step(sv_prior *prior, float progress, const sv_render_options
   if (d) *loss += sv_prior_depth_loss(prior, d, scale, sv_prior_depth_share(prior, progress));
   s = sv_render_bwd(&prior->t->render, &prior->t->grad, d ? prior->g_depth : NULL, d ? prior->g_trans : NULL,
                     NULL);
-  if (s >= 0) sv_train_collect(prior->t, 0.0f, false);
+  if (s >= 0) sv_train_collect(prior->t, NULL, false);
   return s;
 }

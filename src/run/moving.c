@@ -42,6 +42,7 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   t->lr.logit *= 2;
   t->start_scale = 1;
   t->relocate_until = 1;
+  t->reg_opacity_until = 1;
   t->relocate_share = 0;
   t->noise = 0;
   t->min_scale_px = MIN_SCALE_PX;

@@ -105,6 +105,8 @@ static sv_status probe_region(sv_trainer *t, const sv_multiplexed *c, const sv_r
 static sv_status region_step(sv_trainer *t, const sv_train_measurement *tc, const sv_region *region,
                              float progress, sv_render_options *o, sv_step_stats *out) {
   const sv_multiplexed *c = &tc->model;
+  // about M_max crops see a Gaussian
+  const sv_regularisers reg = sv_train_regularisers(t, progress, 1.0f / c->max_overlap);
   const bool has_backdrop = draw_backdrop(t, tc, progress, o);
   float *const g_trans = has_backdrop ? t->part_trans : NULL;
   int last;
@@ -135,7 +137,7 @@ static sv_status region_step(sv_trainer *t, const sv_train_measurement *tc, cons
       out->loss += sv_tv_loss(&t->tv, &t->render.rgb, &t->part_grad, SV_TV_SQUARED, t->cfg.weight_tv * share);
     s = sv_render_bwd(&t->render, &t->part_grad, NULL, g_trans, crop_errors);
     if (s < 0) return s;
-    sv_train_collect(t, 1.0f / c->max_overlap, true); // about M_max crops see a Gaussian
+    sv_train_collect(t, &reg, true);
   }
   return SV_OK;
 }

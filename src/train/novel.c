@@ -63,7 +63,7 @@ sv_status sv_train_novel_step(sv_trainer *t, const sv_render_options *o, double 
     *loss += sv_tv_loss(&t->tv, &t->render.rgb, &t->part_grad, SV_TV_SQUARED,
                         t->cfg.weight_tv_novel / (float)t->cfg.n_novel);
     if ((s = sv_render_bwd(&t->render, &t->part_grad, NULL, NULL, NULL)) < 0) return s;
-    sv_train_collect(t, 0.0f, false);
+    sv_train_collect(t, NULL, false);
   }
   return SV_OK;
 }

@@ -82,10 +82,10 @@ static void set_surface(sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
 #define MANY_CAP_MEAN 0.02f
 #define MANY_DAMPING  0.3f
 
-// Of many exposures, large pictures at half their size still show most of what there is to learn, for
-// a quarter of the work: half of a run, but in long ones, for which each step at full size counts,
-// not more than so many steps. Relocation that goes on as much longer puts Gaussians where full size
-// needs them (docs/notes/speed.md).
+// Of many exposures, large pictures at half their size still show most of what there is to learn,
+// for a quarter of the work: half of a run, but in long ones, for which each step at full size
+// counts, not more than so many steps. Relocation that goes on as much longer puts Gaussians where
+// full size needs them (docs/notes/speed.md).
 #define LARGE_PX      300000
 #define LARGE_SHARE   0.5f
 #define LARGE_REDUCED 1500.0f
@@ -98,8 +98,10 @@ static void set_large_pictures(sv_train_cfg *cfg) {
 }
 
 static void set_many_exposures(sv_train_cfg *cfg, const sv_sampling *s) {
-  if (s->n_exposures >= MANY_EXPOSURES) cfg->relocate_share = RELOCATED_SHARE;
-  if (s->n_exposures >= MANY_EXPOSURES && s->largest_px >= LARGE_PX) set_large_pictures(cfg);
+  if (s->n_exposures >= MANY_EXPOSURES) {
+    cfg->relocate_share = RELOCATED_SHARE;
+    if (s->largest_px >= LARGE_PX) set_large_pictures(cfg);
+  }
   if (s->n_exposures < SETTLE_EXPOSURES) return;
   cfg->settle_from = SETTLE_FROM;
   cfg->newton.rate_end = cfg->newton.rate_start;
@@ -112,11 +114,13 @@ static void set_many_exposures(sv_train_cfg *cfg, const sv_sampling *s) {
 #define MOVING_MEAN_START 4.8e-4f
 #define MOVING_MEAN_END   1.9e-5f
 #define MOVING_NOISE      0.33f // it is times the rate of means
+#define MOVING_OPACITY    0.4f  // the curriculum takes that long to know all times
 
 static void set_moving(sv_train_cfg *cfg) {
   cfg->lr.mean_start = MOVING_MEAN_START;
   cfg->lr.mean_end = MOVING_MEAN_END;
   cfg->noise = MOVING_NOISE;
+  cfg->reg_opacity_until = MOVING_OPACITY;
   cfg->relocate_share = RELOCATED_SHARE;
 }
 
@@ -149,9 +153,12 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   cfg->dropout = dropout_of(s, is_grid);
   set_surface(cfg, s, is_grid);
   cfg->dropout_until = cfg->is_supersampled ? cfg->supersample_from : DROPOUT_UNTIL;
-  if (s->n_exposures <= SV_FEW_EXPOSURES && !s->is_moving) cfg->reg_opacity = opacity_weight(s, is_grid);
+  const bool is_few = s->n_exposures <= SV_FEW_EXPOSURES;
+  if (is_few && !s->is_moving) cfg->reg_opacity = opacity_weight(s, is_grid);
+  // Fog that fits the few pictures of one camera comes back as soon as it costs nothing.
+  if (is_few && s->n_sub_views == 1) cfg->reg_opacity_until = 1.0f;
   cfg->reg_opacity *= opacity_share(cfg, s, is_grid);
-  if (s->n_exposures > SV_FEW_EXPOSURES) return;
+  if (!is_few) return;
   cfg->newton.is_boosted = true;
   if (s->is_moving) { // of a rig that stands still, also where there is but one camera
     // One camera alone cannot tell what is in front of the surface; a low weight leaves more of it.

@@ -375,8 +375,9 @@ void sv_train_set_floors(sv_trainer *t) {
 
 // --- the step's job ------------------------------------------------------------------------------
 
-static sv_regularisers regularisers(const sv_trainer *t, float share) {
-  return (sv_regularisers){.opacity = share * (t->cfg.reg_opacity / (float)t->g.n),
+sv_regularisers sv_train_regularisers(const sv_trainer *t, float progress, float share) {
+  const float opacity = progress < t->cfg.reg_opacity_until ? t->cfg.reg_opacity : 0.0f;
+  return (sv_regularisers){.opacity = share * (opacity / (float)t->g.n),
                            .scale = share * (t->cfg.reg_scale / (3.0f * (float)t->g.n * t->radius))};
 }
 
@@ -384,7 +385,7 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
   double step = (double)t->step + 1.0;
   float mean_lr = sv_train_mean_lr(&t->cfg, progress);
   bool is_noisy = progress < t->cfg.relocate_until;
-  job j = {.t = t, .n_blocks = (t->g.n + 15) / 16, .reg = regularisers(t, 1.0f)};
+  job j = {.t = t, .n_blocks = (t->g.n + 15) / 16, .reg = sv_train_regularisers(t, progress, 1.0f)};
   j.has_pose = t->cfg.poses.cap_poses > 0 && task == optimise_task;
   j.is_error_due = sv_train_is_error_due(t, progress);
   double bias1 = 1.0 - sv_pow(0.9, step), bias2 = 1.0 - sv_pow(0.999, step);
@@ -403,8 +404,9 @@ uint32_t sv_train_optimise(sv_trainer *t, float progress) { return run(t, progre
 
 uint32_t sv_train_apply(sv_trainer *t, float progress) { return run(t, progress, apply_task); }
 
-void sv_train_collect(sv_trainer *t, float reg_share, bool has_err) {
-  job j = {.t = t, .n_blocks = (t->g.n + 15) / 16, .reg = regularisers(t, reg_share), .has_err = has_err};
+void sv_train_collect(sv_trainer *t, const sv_regularisers *reg, bool has_err) {
+  job j = {.t = t, .n_blocks = (t->g.n + 15) / 16, .has_err = has_err};
+  if (reg) j.reg = *reg;
   j.has_pose = t->cfg.poses.cap_poses > 0 && has_err;
   j.adam.n_rows = SV_N_ROWS(t->render.project.sh_degree);
   sv_pool_run(t->compute.pool, collect_task, &j, n_tasks(&j));

@@ -30,12 +30,14 @@ void sv_train_set_floors(sv_trainer *t);
 // shorter. None after the last relocation.
 #define SV_TRAIN_ERROR_EVERY 4u
 bool sv_train_is_error_due(const sv_trainer *t, float progress);
+// The weights that share of the regularizers has at a progress.
+sv_regularisers sv_train_regularisers(const sv_trainer *t, float progress, float share);
 // Gradients of the last rendering -> parameters of all touched blocks; returns the touched
 // Gaussians.
 uint32_t sv_train_optimise(sv_trainer *t, float progress);
 // The same in two halves, for steps with several images: add the last rendering's gradients, with
-// reg_share of the regularizers, to the sum; then use the sum.
-void sv_train_collect(sv_trainer *t, float reg_share, bool has_err);
+// regularizers or NULL, to the sum; then use the sum.
+void sv_train_collect(sv_trainer *t, const sv_regularisers *reg, bool has_err);
 uint32_t sv_train_apply(sv_trainer *t, float progress);
 int sv_train_n_tasks(const sv_trainer *t); // of an update
 

@@ -306,7 +306,8 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   if (s < 0) return s;
   // 3. Further images; then gradients are added up first.
   if (is_sum && !is_region) {
-    sv_train_collect(t, 1.0f, true);
+    const sv_regularisers reg = sv_train_regularisers(t, progress, 1.0f);
+    sv_train_collect(t, &reg, true);
     sv_train_move_pose(t, c.i_view, progress, sv_train_n_tasks(t));
   }
   if ((s = add_images(t, progress, &o, &st.loss)) < 0) return s;

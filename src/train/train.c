@@ -27,6 +27,7 @@ sv_train_cfg sv_train_defaults(void) {
       .novel_px = 100,
       .novel_rad = 0.35f,
       .reg_opacity = 0.01f,
+      .reg_opacity_until = 0.2f,
       .reg_scale = 0.01f,
       .dropout_until = 1.0f,
       .lr = {.mean_start = 1.6e-4f,

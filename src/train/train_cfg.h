@@ -121,6 +121,9 @@ typedef struct sv_train_cfg {
   float novel_rad;
   // Regularization weights of mean opacity and mean scale (3DGS-MCMC). Defaults 0.01.
   float reg_opacity, reg_scale;
+  // Progress until which opacities are regularized: early, the weight finds what a model can do
+  // without; later it would only dim what is left (docs/notes/quality.md). Default 0.2.
+  float reg_opacity_until;
   float dropout;       // Share of the Gaussians that a step drops, 0 to 1. Default 0.
   float dropout_until; // Progress until which it does. Default 1.
   sv_learning_rates lr;

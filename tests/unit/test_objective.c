@@ -105,6 +105,18 @@ TEST(test_weight_of_many) {
   assert_true(of_gaussians(100000, 1, 2, false, true).reg_opacity == of(1, 2, false, true).reg_opacity);
 }
 
+// Regularization of opacities ends early, but not where few pictures of one camera are all there
+// is.
+TEST(test_opacity_until) {
+  for (int n = 1; n <= 24; n++) {
+    assert_true((of(n, 1, false, false).reg_opacity_until == 1) == (n <= SV_FEW_EXPOSURES));
+    assert_true((of(n, 1, false, true).reg_opacity_until == 1) == (n <= SV_FEW_EXPOSURES));
+    assert_true(of(n, 2, false, false).reg_opacity_until < 0.5f);
+    assert_true(of(n, 2, false, true).reg_opacity_until < 0.5f);
+    assert_true(of(n, 16, true, false).reg_opacity_until < 0.5f);
+  }
+}
+
 // What starts far from the surface has Adam's steps where several views see it, and pays as much
 // for opacity as before there was dropout; a light field then does without it.
 TEST(test_far) {
@@ -130,8 +142,8 @@ static sv_train_cfg of_pixels(int n_px, int n_steps, int n_exposures, bool is_mo
   return c;
 }
 
-// Large pictures of many exposures of a still scene reach full size later, but not in long runs, and
-// relocate shares until after that.
+// Large pictures of many exposures of a still scene reach full size later, but not in long runs,
+// and relocate shares until after that.
 TEST(test_large_pictures) {
   const sv_train_cfg usual = sv_train_defaults(), small = of_pixels(320 * 240, 1000, 24, false);
   assert_true(small.fine_at == usual.fine_at);
@@ -149,13 +161,11 @@ TEST(test_large_pictures) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dropout),
-                                     cmocka_unit_test(test_relocated_share),
-                                     cmocka_unit_test(test_settling),
-                                     cmocka_unit_test(test_random_backgrounds),
-                                     cmocka_unit_test(test_weight_of_many),
-                                     cmocka_unit_test(test_smooth_depth),
-                                     cmocka_unit_test(test_far),
-                                     cmocka_unit_test(test_large_pictures)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_dropout),        cmocka_unit_test(test_relocated_share),
+      cmocka_unit_test(test_settling),       cmocka_unit_test(test_random_backgrounds),
+      cmocka_unit_test(test_weight_of_many), cmocka_unit_test(test_smooth_depth),
+      cmocka_unit_test(test_opacity_until),  cmocka_unit_test(test_far),
+      cmocka_unit_test(test_large_pictures)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
