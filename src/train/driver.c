@@ -66,18 +66,18 @@ static sv_status train_sketch(sv_trainer *t, const sv_driver_start *start) {
                               .opacity = 0.1f,
                               .scale_factor = 1.0f,
                               .seed = t->cfg.seed};
-  const sv_optimizer optimizer = t->cfg.optimizer;
-  const int expected_steps = t->cfg.expected_steps, n_steps = SKETCH_EPOCHS * t->n_regions;
+  const sv_train_cfg usual = t->cfg;
+  const int n_steps = SKETCH_EPOCHS * t->n_regions;
   sv_step_stats st;
   sv_status s = sv_train_start(t, &sphere, NULL, 0, start->scratch);
   t->cfg.expected_steps = n_steps;
   t->cfg.optimizer = SV_OPTIMIZER_ADAM; // as from afar (objective.c)
+  t->cfg.reg_opacity_until = 1.0f;
   for (int i = 0; s >= 0 && i < n_steps; i++) {
     if (start->beat) start->beat(start->self);
     s = sv_train_step(t, (float)i / (float)n_steps, &st);
   }
-  t->cfg.expected_steps = expected_steps;
-  t->cfg.optimizer = optimizer;
+  t->cfg = usual;
   t->n_relocated = 0;
   return s;
 }

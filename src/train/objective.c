@@ -155,8 +155,9 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   cfg->dropout_until = cfg->is_supersampled ? cfg->supersample_from : DROPOUT_UNTIL;
   const bool is_few = s->n_exposures <= SV_FEW_EXPOSURES;
   if (is_few && !s->is_moving) cfg->reg_opacity = opacity_weight(s, is_grid);
-  // Fog that fits the few pictures of one camera comes back as soon as it costs nothing.
-  if (is_few && s->n_sub_views == 1) cfg->reg_opacity_until = 1.0f;
+  // Fog that fits the few pictures of one camera comes back as soon as it costs nothing, and from
+  // afar it has long to go.
+  if (s->is_far || (is_few && s->n_sub_views == 1)) cfg->reg_opacity_until = 1.0f;
   cfg->reg_opacity *= opacity_share(cfg, s, is_grid);
   if (!is_few) return;
   cfg->newton.is_boosted = true;

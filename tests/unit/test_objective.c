@@ -130,6 +130,7 @@ TEST(test_far) {
     assert_true((far.reg_opacity > near.reg_opacity) == (n_sub_views > 1 && !is_grid));
     assert_true(far.dropout == (is_grid ? 0.0f : near.dropout));
     assert_true(far.weight_smooth == 0);
+    assert_true(far.reg_opacity_until == 1);
   }
 }
 
