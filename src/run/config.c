@@ -106,8 +106,9 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
     t.cap_width_px = sv_maxi(t.cap_width_px, m->width_px);
     t.cap_height_px = sv_maxi(t.cap_height_px, m->height_px);
     if (px > t.cap_pixels) t.cap_pixels = px;
+    if (!sv_app_is_trained_on(c, i)) continue;
+    sv_focal_range_add(&focal, (float)m->p[0]);
     largest_px = sv_maxi(largest_px, m->width_px * m->height_px);
-    if (sv_app_is_trained_on(c, i)) sv_focal_range_add(&focal, (float)m->p[0]);
   }
   if (sv_focal_range_needs_antialiasing(&focal)) t.is_antialiased = true;
   const sv_sampling sampling = {.n_exposures = c->n_exposures,
