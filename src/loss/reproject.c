@@ -6,11 +6,18 @@
 #include "src/base/mathx.h"
 
 #define OCCLUDED 0.1f // mean difference of the channels
+// Of a view that no camera has: a blurred surface may differ by more, as its depth is compared,
+// too.
+#define DIFFERENT    0.3f
+#define SAME_SURFACE 0.05f // of depth
 
 typedef struct {
   const sv_reproject_input *in;
   double *band;
   float *g_depth, *g_trans;
+  const float *partner_depth; // of colors
+  int partner_stride;
+  float *g_colour[3];
   float turn[9], shift[3]; // partner's camera from this one: x' = turn x + shift
   float per_value;         // weight of one channel of a pixel
 } job;
@@ -57,24 +64,39 @@ static bool sample_at(const sv_reproject_input *in, const float uv[2], sample *o
   return true;
 }
 
+// Where a pixel's surface lies in the partner: `far` as seen from this camera, `point` from the
+// partner's, both along the partner's axes.
+typedef struct {
+  float far[3], point[3], uv[2], depth;
+} place;
+
+// False: the pixel has no surface, or the partner does not see there.
+static bool place_of(const job *j, int x, int y, place *p, sample *s) {
+  const sv_reproject_input *in = j->in;
+  const float inverse = in->inverse[(size_t)y * (size_t)in->stride + (size_t)x];
+  float ray[3];
+  if (!(inverse > 0.0f) || !sv_view_ray(in->view, (float)x + 0.5f, (float)y + 0.5f, ray)) return false;
+  for (int r = 0; r < 3; r++) {
+    const float *m = j->turn + 3 * r;
+    p->far[r] = (m[0] * ray[0] + m[1] * ray[1] + m[2] * ray[2]) / inverse;
+    p->point[r] = p->far[r] + j->shift[r];
+  }
+  return sv_view_project(in->partner, p->point, p->uv, &p->depth) && sample_at(in, p->uv, s);
+}
+
 // Difference of a pixel, and its derivative by the pixel's inverse depth; false: it does not count.
 static bool pixel(const job *j, int x, int y, float *off, float *slope) {
   const sv_reproject_input *in = j->in;
   const size_t at = (size_t)y * (size_t)in->stride + (size_t)x;
   const float inverse = in->inverse[at];
-  float ray[3], point[3], far[3], uv[2], z, jac[6], u = 0.0f, v = 0.0f;
+  float jac[6], u = 0.0f, v = 0.0f;
   sample s;
-  if (!(inverse > 0.0f) || !sv_view_ray(in->view, (float)x + 0.5f, (float)y + 0.5f, ray)) return false;
-  for (int r = 0; r < 3; r++) {
-    const float *m = j->turn + 3 * r;
-    far[r] = (m[0] * ray[0] + m[1] * ray[1] + m[2] * ray[2]) / inverse;
-    point[r] = far[r] + j->shift[r];
-  }
-  if (!sv_view_project(in->partner, point, uv, &z) || !sample_at(in, uv, &s)) return false;
-  sv_view_jacobian(in->partner, point, jac);
+  place p;
+  if (!place_of(j, x, y, &p, &s)) return false;
+  sv_view_jacobian(in->partner, p.point, jac);
   for (int r = 0; r < 3; r++) { // d(point)/d(inverse) = -far / inverse
-    u -= jac[r] * far[r] / inverse;
-    v -= jac[3 + r] * far[r] / inverse;
+    u -= jac[r] * p.far[r] / inverse;
+    v -= jac[3 + r] * p.far[r] / inverse;
   }
   *off = *slope = 0.0f;
   for (int c = 0; c < 3; c++) {
@@ -104,15 +126,58 @@ static void band_task(void *arg, int i_band, int i_thread) {
   j->band[i_band] = (double)j->per_value * sum;
 }
 
+static float colours_of(const job *j, int x, int y) {
+  const sv_reproject_input *in = j->in;
+  const size_t at = (size_t)y * (size_t)in->stride + (size_t)x;
+  float off = 0.0f;
+  sample s;
+  place p;
+  if (!place_of(j, x, y, &p, &s)) return 0.0f;
+  const float seen = j->partner_depth[(size_t)p.uv[1] * (size_t)j->partner_stride + (size_t)p.uv[0]];
+  if (!(seen > 0.0f) || fabsf(seen - p.depth) > SAME_SURFACE * p.depth) return 0.0f;
+  for (int c = 0; c < 3; c++) off += fabsf(in->colour[c][at] - s.value[c]);
+  if (off > 3.0f * DIFFERENT) return 0.0f;
+  for (int c = 0; c < 3; c++) {
+    const float d = in->colour[c][at] - s.value[c];
+    j->g_colour[c][at] += d > 0.0f ? j->per_value : d < 0.0f ? -j->per_value : 0.0f;
+  }
+  return off;
+}
+
+static void colours_task(void *arg, int i_band, int i_thread) {
+  const job *j = arg;
+  const int y0 = i_band * SV_REPROJECT_BAND_ROWS, y1 = sv_mini(y0 + SV_REPROJECT_BAND_ROWS, j->in->height_px);
+  double sum = 0;
+  (void)i_thread;
+  for (int y = y0; y < y1; y++)
+    for (int x = 0; x < j->in->width_px; x++) sum += (double)colours_of(j, x, y);
+  j->band[i_band] = (double)j->per_value * sum;
+}
+
+static double run_bands(job *j, sv_task_fn task, float per_value, const sv_pool *pool) {
+  const int n = (j->in->height_px + SV_REPROJECT_BAND_ROWS - 1) / SV_REPROJECT_BAND_ROWS;
+  double loss = 0;
+  j->per_value = per_value;
+  relate(j);
+  sv_pool_run(pool, task, j, n);
+  for (int i = 0; i < n; i++) loss += j->band[i];
+  return loss;
+}
+
 double sv_reproject_loss(const sv_reproject_input *in, const sv_pool *pool, double *band, float *g_depth,
                          float *g_trans) {
-  const int n = (in->height_px + SV_REPROJECT_BAND_ROWS - 1) / SV_REPROJECT_BAND_ROWS;
   job j = {.in = in, .band = band, .g_depth = g_depth, .g_trans = g_trans};
-  double loss = 0;
   if (in->n_px < 1) return 0;
-  j.per_value = in->weight * SV_REPROJECT_PHASES / (3.0f * (float)in->n_px);
-  relate(&j);
-  sv_pool_run(pool, band_task, &j, n);
-  for (int i = 0; i < n; i++) loss += band[i];
-  return loss;
+  return run_bands(&j, band_task, in->weight * SV_REPROJECT_PHASES / (3.0f * (float)in->n_px), pool);
+}
+
+double sv_reproject_colours(const sv_reproject_input *in, const float *partner_depth, int partner_stride,
+                            const sv_pool *pool, double *band, float *const g_colour[3]) {
+  job j = {.in = in,
+           .band = band,
+           .partner_depth = partner_depth,
+           .partner_stride = partner_stride,
+           .g_colour = {g_colour[0], g_colour[1], g_colour[2]}};
+  if (in->n_px < 1) return 0;
+  return run_bands(&j, colours_task, in->weight / (3.0f * (float)in->n_px), pool);
 }

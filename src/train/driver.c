@@ -466,6 +466,8 @@ void sv_driver_add_settings(sv_str *out, const sv_trainer *t) {
   add_number(out, "loss_ssim", (double)c->weight_ssim);
   add_number(out, "loss_tv", (double)c->weight_tv);
   add_number(out, "loss_tv_novel", (double)c->weight_tv_novel);
+  add_number(out, "loss_smooth_novel", (double)c->weight_smooth_novel);
+  add_number(out, "loss_reproject_novel", (double)c->weight_reproject_novel);
   add_number(out, "loss_smooth", (double)c->weight_smooth);
   add_number(out, "loss_reproject", (double)c->weight_reproject);
   add_number(out, "supersample", c->is_supersampled ? 1.0 - (double)c->supersample_from : 0);

@@ -35,7 +35,9 @@ typedef struct {
   sv_view view; // as it is rendered, reduced
   sv_render_options options;
   float weight;                   // of the image, at most 1
+  bool has_depth_loss;            // before_render asked for depth: add_loss is called
   bool is_surface;                // has losses of depth (surface.h)
+  bool has_novel;                 // a novel view beside it follows (novel.h)
   bool has_target;                // t->target is filled already: not the view's own image
   const float *g_depth, *g_trans; // further gradients of the rendering, set by add_loss; NULL: none
 } sv_train_image;

@@ -2,10 +2,24 @@
 #include "src/train/novel.h"
 
 #include "src/base/mathx.h"
+#include "src/loss/reproject.h"
 #include "src/train/optimize.h"
+#include "src/train/surface.h"
 
-bool sv_train_is_novel_due(const sv_trainer *t) {
-  return t->cfg.n_novel > 0 && t->cfg.weight_tv_novel > 0.0f && t->step % (uint32_t)t->cfg.novel_every == 0;
+bool sv_train_is_novel_beside(const sv_train_cfg *c) {
+  return c->n_novel > 0 && (c->weight_smooth_novel > 0.0f || c->weight_reproject_novel > 0.0f);
+}
+
+static bool is_turn(const sv_trainer *t) {
+  return t->cfg.n_novel > 0 && t->step % (uint32_t)t->cfg.novel_every == 0;
+}
+
+bool sv_train_has_novel(const sv_trainer *t, const sv_train_image *im) {
+  return is_turn(t) && sv_train_is_novel_beside(&t->cfg) && im->scale == 1 && !im->is_supersampled;
+}
+
+bool sv_train_is_novel_due(const sv_trainer *t, const sv_train_image *im) {
+  return sv_train_is_novel_beside(&t->cfg) ? im->has_novel : is_turn(t) && t->cfg.weight_tv_novel > 0.0f;
 }
 
 static sv_view random_view(sv_trainer *t) {
@@ -53,16 +67,55 @@ sv_view sv_train_novel_view(sv_trainer *t) {
   return sv_view_scaled(&out, (side + t->cfg.novel_px - 1) / t->cfg.novel_px);
 }
 
-sv_status sv_train_novel_step(sv_trainer *t, const sv_render_options *o, double *loss) {
+// Of the novel view that is rendered, beside the image, whose depth is in part_err.
+static double depth_losses(sv_trainer *t, const sv_train_image *im, const sv_view *view, float share) {
+  const sv_planes *x = &t->render.rgb;
+  const float *bg = im->options.bg;
+  double loss = sv_smooth_loss(&t->smooth, &(sv_smooth_input){.depth = t->render.depth,
+                                                              .trans = t->render.trans,
+                                                              .colour = {x->c[0], x->c[1], x->c[2]},
+                                                              .width_px = x->width_px,
+                                                              .height_px = x->height_px,
+                                                              .stride = x->stride,
+                                                              .rows_padded = x->rows_padded,
+                                                              .alpha_min = SV_SURFACE_ALPHA_MIN,
+                                                              .weight = share * t->cfg.weight_smooth_novel});
+  if (!sv_train_has_same_colours(t) || im->has_target) return loss;
+  const sv_reproject_input in = {.inverse = t->smooth.inverse,
+                                 .colour = {x->c[0], x->c[1], x->c[2]},
+                                 .width_px = x->width_px,
+                                 .height_px = x->height_px,
+                                 .stride = x->stride,
+                                 .view = view,
+                                 .partner = &im->view,
+                                 .image = &t->views[im->i_view].image,
+                                 .bg = {bg[0], bg[1], bg[2]},
+                                 .n_px = (long)x->width_px * x->height_px,
+                                 .weight = share * t->cfg.weight_reproject_novel};
+  return loss +
+         sv_reproject_colours(&in, t->part_err, x->stride, t->compute.pool, t->smooth.band, t->part_grad.c);
+}
+
+sv_status sv_train_novel_step(sv_trainer *t, const sv_train_image *im, const sv_render_options *o,
+                              double *loss) {
+  const float share = 1.0f / (float)t->cfg.n_novel;
+  const bool is_beside = im->has_novel;
+  const sv_render_options *options = is_beside ? &im->options : o;
+  const float *g_depth = is_beside ? t->smooth.g_depth : NULL,
+              *g_trans = is_beside ? t->smooth.g_trans : NULL;
+  if (is_beside) sv_render_expected_depth(&t->render, SV_SURFACE_ALPHA_MIN, t->part_err);
   for (int i = 0; i < t->cfg.n_novel; i++) {
-    sv_view view = sv_train_novel_view(t);
-    sv_status s = sv_render(&t->render, &t->g, &view, o);
+    const sv_view view =
+        is_beside ? sv_train_turned_view(t, &im->view, t->cfg.novel_rad, &t->rng) : sv_train_novel_view(t);
+    sv_status s = sv_render(&t->render, &t->g, &view, options);
     if (s < 0) return s;
     sv_planes_set_size(&t->part_grad, view.width_px, view.height_px);
     sv_planes_clear(&t->part_grad);
-    *loss += sv_tv_loss(&t->tv, &t->render.rgb, &t->part_grad, SV_TV_SQUARED,
-                        t->cfg.weight_tv_novel / (float)t->cfg.n_novel);
-    if ((s = sv_render_bwd(&t->render, &t->part_grad, NULL, NULL, NULL)) < 0) return s;
+    if (t->cfg.weight_tv_novel > 0.0f)
+      *loss +=
+          sv_tv_loss(&t->tv, &t->render.rgb, &t->part_grad, SV_TV_SQUARED, share * t->cfg.weight_tv_novel);
+    if (is_beside) *loss += depth_losses(t, im, &view, share);
+    if ((s = sv_render_bwd(&t->render, &t->part_grad, g_depth, g_trans, NULL)) < 0) return s;
     sv_train_collect(t, NULL, false);
   }
   return SV_OK;

@@ -68,6 +68,29 @@ static void set_surface(sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
   cfg->weight_reproject = s->is_moving ? 0.0f : 0.2f;
 }
 
+// What several exposures leave open is what the space between them looks like. Novel views beside
+// theirs show it: there, colors follow the picture that sees the same surface, and depth and colors
+// vary little. With one exposure they would look behind everything (docs/notes/quality.md).
+#define NOVEL_EVERY     8
+#define NOVEL_RAD       1.0f
+#define NOVEL_REPROJECT (0.5f * NOVEL_EVERY)
+#define NOVEL_SMOOTH    (0.3f * NOVEL_EVERY)
+#define NOVEL_TV        (0.5f * NOVEL_EVERY)
+// Weights of smooth depth and colors of few exposures of one camera, whose depth nothing measures.
+#define NOVEL_ONE_CAMERA_SMOOTH (1.0f * NOVEL_EVERY)
+#define NOVEL_ONE_CAMERA_TV     (3.0f * NOVEL_EVERY)
+
+static void set_novel(sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
+  if (is_grid || s->is_far || s->is_moving || s->n_exposures < 2 || s->n_exposures >= MANY_EXPOSURES) return;
+  const bool is_alone = s->n_sub_views == 1 && s->n_exposures <= SV_FEW_EXPOSURES;
+  cfg->n_novel = 1;
+  cfg->novel_every = NOVEL_EVERY;
+  cfg->novel_rad = NOVEL_RAD;
+  cfg->weight_reproject_novel = fewness(s) * NOVEL_REPROJECT;
+  cfg->weight_smooth_novel = fewness(s) * (is_alone ? NOVEL_ONE_CAMERA_SMOOTH : NOVEL_SMOOTH);
+  cfg->weight_tv_novel = fewness(s) * (is_alone ? NOVEL_ONE_CAMERA_TV : NOVEL_TV);
+}
+
 // Of the Gaussians, in each relocation: many exposures, and many instants of a moving scene, tell
 // which ones matter least.
 #define RELOCATED_SHARE 0.02f
@@ -152,6 +175,7 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   if (s->n_exposures < MANY_EXPOSURES && !s->is_moving) cfg->hidden_every = HIDDEN_EVERY;
   cfg->dropout = dropout_of(s, is_grid);
   set_surface(cfg, s, is_grid);
+  set_novel(cfg, s, is_grid);
   cfg->dropout_until = cfg->is_supersampled ? cfg->supersample_from : DROPOUT_UNTIL;
   const bool is_few = s->n_exposures <= SV_FEW_EXPOSURES;
   if (is_few && !s->is_moving) cfg->reg_opacity = opacity_weight(s, is_grid);

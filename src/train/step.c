@@ -201,8 +201,10 @@ static sv_status begin_image(sv_trainer *t, const sv_train_choice *c, const sv_r
   sv_status s = SV_OK;
   if (SV_TRAIN_HAS(t, before_render)) s = t->hooks->before_render(t->hooked, im);
   if (s >= 0 && !im->has_target) sv_train_load_target(t, c->i_view, scale, bg);
+  im->has_depth_loss = im->options.has_depth;
   im->is_surface = sv_train_is_surface_due(t, im);
-  im->options.has_depth |= im->is_surface;
+  im->has_novel = sv_train_has_novel(t, im);
+  im->options.has_depth |= im->is_surface || im->has_novel;
   return s;
 }
 
@@ -213,46 +215,45 @@ static sv_status backward(sv_trainer *t, const sv_train_image *im, const float *
 
 // Renders a view and leaves its gradients in the renderer.
 static sv_status view_step(sv_trainer *t, const sv_train_choice *c, const sv_render_options *o,
-                           sv_step_stats *out) {
+                           sv_step_stats *out, sv_train_image *im) {
   float *const errors = sv_train_is_error_due(t, c->progress) ? t->err_plane : NULL;
   const sv_planes *x;
-  sv_train_image im;
-  sv_status s = begin_image(t, c, o, &im);
+  sv_status s = begin_image(t, c, o, im);
   if (s < 0) return s;
-  sv_train_roll(t, c->i_view, &im.view, im.options.near_z);
-  s = sv_train_measure(t, &im.view, &im.options, im.is_supersampled, &x);
+  sv_train_roll(t, c->i_view, &im->view, im->options.near_z);
+  s = sv_train_measure(t, &im->view, &im->options, im->is_supersampled, &x);
   sv_train_unroll(t);
   if (s < 0) return s;
-  const sv_planes *shown = sv_train_appear(t, c->i_view, &im.view, x);
-  const sv_image_u8 *image = im.has_target ? NULL : &t->views[c->i_view].image; // with its mask
-  sv_train_mask_copy(t, image, im.scale, shown, &t->target);
+  const sv_planes *shown = sv_train_appear(t, c->i_view, &im->view, x);
+  const sv_image_u8 *image = im->has_target ? NULL : &t->views[c->i_view].image; // with its mask
+  sv_train_mask_copy(t, image, im->scale, shown, &t->target);
   const sv_photometric_value loss =
       sv_photometric_loss(&t->photometric, shown, &t->target, &t->grad, errors, t->cfg.weight_ssim);
-  out->scale = im.scale;
+  out->scale = im->scale;
   out->loss = loss.loss;
   out->l1 = loss.l1;
   out->ssim = loss.ssim;
-  sv_train_mask_clear(t, image, im.scale, &t->grad); // SSIM has some, from windows that reach out
-  const float weight = im.weight * sv_train_mask_weight(t);
+  sv_train_mask_clear(t, image, im->scale, &t->grad); // SSIM has some, from windows that reach out
+  const float weight = im->weight * sv_train_mask_weight(t);
   sv_train_weigh(t, weight, errors);
-  sv_train_appear_bwd(t, c->i_view, x, &im.view, c->progress);
+  sv_train_appear_bwd(t, c->i_view, x, &im->view, c->progress);
   if (t->cfg.weight_tv > 0.0f) out->loss += sv_tv_loss(&t->tv, x, &t->grad, SV_TV_SQUARED, t->cfg.weight_tv);
   // Before the probe takes the target's place.
-  if (im.is_surface) out->loss += sv_train_surface_loss(t, &im);
+  if (im->is_surface) out->loss += sv_train_surface_loss(t, im);
   if (sv_train_is_probe_due(t)) {
     const double share = image ? (double)t->views[c->i_view].share : 1.0;
     // its square must count once
     const sv_train_residual r = {.l1 = loss.l1 / ((double)weight * share),
                                  .masked = image,
-                                 .scale = im.scale,
-                                 .is_supersampled = im.is_supersampled,
+                                 .scale = im->scale,
+                                 .is_supersampled = im->is_supersampled,
                                  .i_view = c->i_view,
                                  .rendered = t->views[c->i_view].deep.px ? x : NULL,
-                                 .view = &im.view};
+                                 .view = &im->view};
     if ((s = sv_train_curvature(t, &r, &t->target)) < 0) return s;
   }
-  if (im.options.has_depth && !im.is_surface) out->loss += t->hooks->add_loss(t->hooked, &im);
-  return backward(t, &im, errors);
+  if (im->has_depth_loss) out->loss += t->hooks->add_loss(t->hooked, im);
+  return backward(t, im, errors);
 }
 
 // --- stages --------------------------------------------------------------------------------------
@@ -269,10 +270,11 @@ static bool has_images(const sv_trainer *t, float progress) {
   return SV_TRAIN_HAS(t, has_images) && t->hooks->has_images(t->hooked, progress);
 }
 
-// Renderings that are added to the step's sum beside its own.
-static sv_status add_images(sv_trainer *t, float progress, const sv_render_options *o, double *loss) {
+// Renderings that are added to the step's sum beside its own image.
+static sv_status add_images(sv_trainer *t, const sv_train_image *im, float progress,
+                            const sv_render_options *o, double *loss) {
   sv_status s = SV_OK;
-  if (sv_train_is_novel_due(t)) s = sv_train_novel_step(t, o, loss);
+  if (sv_train_is_novel_due(t, im)) s = sv_train_novel_step(t, im, o, loss);
   if (s >= 0 && has_images(t, progress)) s = t->hooks->add_images(t->hooked, progress, o, loss);
   return s;
 }
@@ -298,19 +300,20 @@ sv_status sv_train_step(sv_trainer *t, float progress, sv_step_stats *out) {
   if (c.i_view < 0) return SV_OK;
   progress = c.progress;
   const bool is_region = c.i_view >= t->n_views;
-  const bool is_sum = is_region || has_images(t, progress) || sv_train_is_novel_due(t);
+  sv_train_image im = {0};
   const sv_render_options o = step_options(t, progress);
   // 2. Rendering, loss, and the rasterizer's backward pass.
   sv_status s = is_region ? sv_train_region_step(t, c.i_view - t->n_views, progress, &o, &st)
-                          : view_step(t, &c, &o, &st);
+                          : view_step(t, &c, &o, &st, &im);
   if (s < 0) return s;
+  const bool is_sum = is_region || has_images(t, progress) || sv_train_is_novel_due(t, &im);
   // 3. Further images; then gradients are added up first.
   if (is_sum && !is_region) {
     const sv_regularisers reg = sv_train_regularisers(t, progress, 1.0f);
     sv_train_collect(t, &reg, true);
     sv_train_move_pose(t, c.i_view, progress, sv_train_n_tasks(t));
   }
-  if ((s = add_images(t, progress, &o, &st.loss)) < 0) return s;
+  if ((s = add_images(t, &im, progress, &o, &st.loss)) < 0) return s;
   // 4. Update: projection backward and optimizer, block by block.
   st.n_touched = is_sum ? sv_train_apply(t, progress) : sv_train_optimise(t, progress);
   if (!is_sum) sv_train_move_pose(t, c.i_view, progress, sv_train_n_tasks(t));

@@ -3,7 +3,6 @@
 
 #include "src/loss/reproject.h"
 
-#define ALPHA_MIN 0.5f // pixels of less alpha have no depth
 // A surface asks the same in each step: one of eight with eight times the weight gives the same
 // model for 4 % more time of a run instead of 60 % (docs/notes/quality.md).
 #define EVERY       8
@@ -15,12 +14,15 @@ bool sv_train_is_surface_due(const sv_trainer *t, const sv_train_image *im) {
          !im->is_supersampled;
 }
 
-// Another view of the same exposure, at random; -1: there is none whose picture has the same colors
-// in the same place.
+bool sv_train_has_same_colours(const sv_trainer *t) {
+  return !t->cfg.is_rolling && !t->cfg.is_deep && t->cfg.appearance.n_cameras == 0;
+}
+
+// Another view of the same exposure, at random; -1: there is none that can be compared.
 static int partner_of(const sv_trainer *t, int i_view) {
   const int exposure = t->views[i_view].view.i_exposure;
   int n = 0, i_partner = -1;
-  if (t->cfg.is_rolling || t->cfg.is_deep || t->cfg.appearance.n_cameras > 0) return -1;
+  if (!sv_train_has_same_colours(t)) return -1;
   for (int i = 0; i < t->n_views; i++) {
     if (i == i_view || t->views[i].view.i_exposure != exposure) continue;
     if (sv_hash3((uint32_t)t->cfg.seed, t->step, PARTNER_KEY + (uint32_t)i) % (uint32_t)++n == 0)
@@ -60,7 +62,7 @@ double sv_train_surface_loss(sv_trainer *t, sv_train_image *im) {
                                                     .height_px = x->height_px,
                                                     .stride = x->stride,
                                                     .rows_padded = x->rows_padded,
-                                                    .alpha_min = ALPHA_MIN,
+                                                    .alpha_min = SV_SURFACE_ALPHA_MIN,
                                                     .weight = t->cfg.weight_smooth * EVERY});
   if (t->cfg.weight_reproject > 0.0f) loss += reproject(t, im);
   im->g_depth = t->smooth.g_depth;

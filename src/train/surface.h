@@ -10,6 +10,10 @@
 extern "C" {
 #endif
 
+#define SV_SURFACE_ALPHA_MIN 0.5f // pixels of less alpha have no depth
+
+// Whether the pictures show what is rendered in the same place, in the same colors.
+bool sv_train_has_same_colours(const sv_trainer *t);
 // Whether an image of this step has them; asked after its before_render hook.
 bool sv_train_is_surface_due(const sv_trainer *t, const sv_train_image *im);
 // Their value. im gets their gradient. Reads the rendering and the step's target.

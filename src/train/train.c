@@ -6,6 +6,7 @@
 #include "src/base/mathx.h"
 #include "src/base/str.h"
 #include "src/splat/constants.h"
+#include "src/train/novel.h"
 #include "src/train/optimize.h"
 #include "src/train/supersample.h"
 
@@ -125,10 +126,12 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   if ((s = sv_photometric_init(&t->photometric, &pc, t->compute, a)) < 0) return s;
   sv_tv_cfg tc = {
       .cap_width_px = c->cap_width_px, .cap_height_px = c->cap_height_px, .n_threads = c->n_threads};
-  bool has_tv = c->weight_tv > 0.0f || (c->n_novel > 0 && c->weight_tv_novel > 0.0f);
+  const bool has_novel = c->n_novel > 0;
+  const bool has_tv = c->weight_tv > 0.0f || (has_novel && c->weight_tv_novel > 0.0f);
+  const bool has_smooth = c->weight_smooth > 0.0f || sv_train_is_novel_beside(c);
   if (has_tv && (s = sv_tv_init(&t->tv, &tc, t->compute, a)) < 0) return s;
   const sv_smooth_cfg sc = {px, c->cap_height_px};
-  if (c->weight_smooth > 0.0f && (s = sv_smooth_init(&t->smooth, &sc, t->compute, a)) < 0) return s;
+  if (has_smooth && (s = sv_smooth_init(&t->smooth, &sc, t->compute, a)) < 0) return s;
   for (int k = 0; k < 3; k++) t->target.c[k] = SV_TAKE(a, float, px);
   for (int k = 0; k < 3; k++) t->grad.c[k] = SV_TAKE(a, float, px);
   t->err_plane = SV_TAKE(a, float, px);

@@ -104,6 +104,10 @@ typedef struct sv_train_cfg {
   // Weight of the squared total variation of rendered views. Default 0.
   float weight_tv;
   float weight_tv_novel; // The same, of novel views. Default 0.
+  // Weights of the smoothness of novel views' depth, and of the reprojection of their colors to the
+  // step's own picture (sv_reproject_colours). With one of them, novel views lie beside that
+  // picture's, in its size, once it has full size. Defaults 0.
+  float weight_smooth_novel, weight_reproject_novel;
   // Weight of the edge-aware smoothness of rendered depth (src/loss/smooth.h). Default 0.
   float weight_smooth;
   // With it, weight of the photometric reprojection of rendered depth to the other views of the

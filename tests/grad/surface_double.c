@@ -123,14 +123,14 @@ static double partner_value(int x, int y, int c) {
   return alpha * partner_px[y][x][c] / 255.0 + (1 - alpha) * partner_bg[c];
 }
 
-// Summed differences of a pixel of this inverse depth; below 0: it does not count.
-static double reproject_double(const sv_view *a, const sv_view *b, const float *colour, int x, int y,
-                               double inverse) {
-  const int at = y * RE_S + x;
+// Where a pixel of this inverse depth lies in the partner, in pixel indices, and its depth there;
+// false: outside.
+static bool place_double(const sv_view *a, const sv_view *b, int x, int y, double inverse, double *u,
+                         double *v, double *z) {
   const double ray[3] = {(x + 0.5 - (double)a->cx) / (double)a->fx, (y + 0.5 - (double)a->cy) / (double)a->fy,
                          1};
-  double world[3], p[3], sum = 0;
-  if (!(inverse > 0)) return -1;
+  double world[3], p[3];
+  if (!(inverse > 0)) return false;
   for (int i = 0; i < 3; i++) {
     world[i] = 0;
     for (int k = 0; k < 3; k++) world[i] += (double)a->r[3 * k + i] * (ray[k] / inverse - (double)a->t[k]);
@@ -139,33 +139,45 @@ static double reproject_double(const sv_view *a, const sv_view *b, const float *
     p[i] = (double)b->t[i];
     for (int k = 0; k < 3; k++) p[i] += (double)b->r[3 * i + k] * world[k];
   }
-  const double u = (double)b->fx * p[0] / p[2] + (double)b->cx - 0.5;
-  const double v = (double)b->fy * p[1] / p[2] + (double)b->cy - 0.5;
-  if (!(u >= 0 && v >= 0 && u < RE_W - 1 && v < RE_H - 1)) return -1;
+  *u = (double)b->fx * p[0] / p[2] + (double)b->cx - 0.5;
+  *v = (double)b->fy * p[1] / p[2] + (double)b->cy - 0.5;
+  *z = p[2];
+  return *u >= 0 && *v >= 0 && *u < RE_W - 1 && *v < RE_H - 1;
+}
+
+// The partner's color there; false under its mask.
+static bool partner_at(double u, double v, double value[3]) {
   const int i = (int)u, k = (int)v;
   for (int c = 0; c < 3; c++) {
-    double value = 0;
+    value[c] = 0;
     for (int q = 0; q < 4; q++) {
       const int col = i + q % 2, row = k + q / 2;
-      if (!partner_mask[row][col]) return -1;
-      value += (q % 2 ? u - i : 1 - u + i) * (q / 2 ? v - k : 1 - v + k) * partner_value(col, row, c);
+      if (!partner_mask[row][col]) return false;
+      value[c] += (q % 2 ? u - i : 1 - u + i) * (q / 2 ? v - k : 1 - v + k) * partner_value(col, row, c);
     }
-    sum += fabs(value - (double)colour[c * RE_N + at]);
   }
+  return true;
+}
+
+// Summed differences of a pixel of this inverse depth; below 0: it does not count.
+static double reproject_double(const sv_view *a, const sv_view *b, const float *colour, int x, int y,
+                               double inverse) {
+  double u, v, z, value[3], sum = 0;
+  if (!place_double(a, b, x, y, inverse, &u, &v, &z) || !partner_at(u, v, value)) return -1;
+  for (int c = 0; c < 3; c++) sum += fabs(value[c] - (double)colour[c * RE_N + y * RE_S + x]);
   return sum > 0.3 ? -1 : sum;
 }
 
-void check_reproject(void) {
-  static float depth[RE_N], inverse[RE_N], colour[3 * RE_N], g[2 * RE_N], again[2 * RE_N];
+static const sv_view view = {RE_W, RE_H, 30, 31,  10.2f, 18.7f, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.1f, 0, 0.2f},
+                             0,    0,    0,  NULL};
+static const sv_view partner = {
+    RE_W, RE_H, 29, 32,  10.9f, 18.1f, {0.8f, 0, 0.6f, 0, 1, 0, -0.6f, 0, 0.8f}, {-1.7f, 0.05f, 0.9f},
+    0,    0,    1,  NULL};
+static float re_depth[RE_N], re_inverse[RE_N], re_colour[3 * RE_N];
+
+static sv_reproject_input reproject_input(void) {
+  static const sv_image_u8 image = {&partner_px[0][0][0], RE_W, RE_H, 4, 4 * RE_W, &partner_mask[0][0]};
   sv_rng r = sv_rng_make(5, 1);
-  double band[RE_H / SV_REPROJECT_BAND_ROWS + 1], want = 0;
-  int n_counted = 0, n_compared = 0;
-  const sv_view a = {RE_W, RE_H, 30, 31,  10.2f, 18.7f, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0.1f, 0, 0.2f},
-                     0,    0,    0,  NULL};
-  sv_view b = {
-      RE_W, RE_H, 29, 32,  10.9f, 18.1f, {0.8f, 0, 0.6f, 0, 1, 0, -0.6f, 0, 0.8f}, {-1.7f, 0.05f, 0.9f},
-      0,    0,    1,  NULL};
-  const sv_pool serial = sv_pool_serial(), backwards = {NULL, 3, run_backwards};
   for (int y = 0; y < RE_H; y++)
     for (int x = 0; x < RE_W; x++) {
       for (int c = 0; c < 3; c++) partner_px[y][x][c] = (uint8_t)(100 + sv_rng_below(&r, 40));
@@ -173,31 +185,38 @@ void check_reproject(void) {
       partner_mask[y][x] = (x * 7 + y) % 13 != 0;
     }
   for (int i = 0; i < RE_N; i++) {
-    inverse[i] = i % 9 == 4 ? 0 : 0.3f + 0.1f * sv_rng_f(&r);
-    depth[i] = inverse[i] > 0 ? 0.9f / inverse[i] : 0;
-    for (int c = 0; c < 3; c++) colour[c * RE_N + i] = 0.36f + 0.25f * sv_rng_f(&r);
+    re_inverse[i] = i % 9 == 4 ? 0 : 0.3f + 0.1f * sv_rng_f(&r);
+    re_depth[i] = re_inverse[i] > 0 ? 0.9f / re_inverse[i] : 0;
+    for (int c = 0; c < 3; c++) re_colour[c * RE_N + i] = 0.36f + 0.25f * sv_rng_f(&r);
   }
-  const sv_reproject_input in = {
-      .inverse = inverse,
-      .depth = depth,
-      .colour = {colour, colour + RE_N, colour + 2 * RE_N},
-      .width_px = RE_W,
-      .height_px = RE_H,
-      .stride = RE_S,
-      .view = &a,
-      .partner = &b,
-      .image = &(sv_image_u8){&partner_px[0][0][0], RE_W, RE_H, 4, 4 * RE_W, &partner_mask[0][0]},
-      .bg = {0.2f, 0.5f, 0.7f},
-      .n_px = 500,
-      .phase = 1,
-      .weight = 0.3f};
+  return (sv_reproject_input){.inverse = re_inverse,
+                              .depth = re_depth,
+                              .colour = {re_colour, re_colour + RE_N, re_colour + 2 * RE_N},
+                              .width_px = RE_W,
+                              .height_px = RE_H,
+                              .stride = RE_S,
+                              .view = &view,
+                              .partner = &partner,
+                              .image = &image,
+                              .bg = {0.2f, 0.5f, 0.7f},
+                              .n_px = 500,
+                              .phase = 1,
+                              .weight = 0.3f};
+}
+
+static void check_depth(void) {
+  static float g[2 * RE_N], again[2 * RE_N];
+  const sv_reproject_input in = reproject_input();
+  const sv_pool serial = sv_pool_serial(), backwards = {NULL, 3, run_backwards};
+  double band[RE_H / SV_REPROJECT_BAND_ROWS + 1], want = 0;
+  int n_counted = 0, n_compared = 0;
   const double got = sv_reproject_loss(&in, &serial, band, g, g + RE_N), per = 0.3 * 4 / (3.0 * 500);
   for (int y = 0; y < RE_H; y++)
     for (int x = 0; x < RE_W; x++) {
       const int at = y * RE_S + x;
-      const double d = (double)inverse[at], step = 1e-5;
+      const double d = (double)re_inverse[at], step = 1e-5;
       const bool is_looked_at = (x + 2 * y) % 4 == 1;
-      const double value = reproject_double(&a, &b, colour, x, y, d);
+      const double value = reproject_double(&view, &partner, re_colour, x, y, d);
       if (!is_looked_at || value < 0) {
         if (g[at] != 0 || g[RE_N + at] != 0)
           fail_msg("reproject: gradient of pixel %d, %d, which does not count", x, y);
@@ -205,13 +224,14 @@ void check_reproject(void) {
       }
       want += per * value;
       n_counted++;
-      const double plus = reproject_double(&a, &b, colour, x, y, d + step);
-      const double minus = reproject_double(&a, &b, colour, x, y, d - step);
+      const double plus = reproject_double(&view, &partner, re_colour, x, y, d + step);
+      const double minus = reproject_double(&view, &partner, re_colour, x, y, d - step);
       if (plus < 0 || minus < 0) continue;
       // Where both one-sided slopes agree there is no kink between them.
       if (fabs(plus - 2 * value + minus) > 0.02 * fabs(plus - minus)) continue;
       const double by_inverse = per * (plus - minus) / (2 * step);
-      const double by_depth = -by_inverse * d / (double)depth[at], by_trans = -by_inverse / (double)depth[at];
+      const double by_depth = -by_inverse * d / (double)re_depth[at],
+                   by_trans = -by_inverse / (double)re_depth[at];
       n_compared++;
       if (fabs(by_depth - (double)g[at]) > 1e-5 + 0.02 * fabs(by_depth) ||
           fabs(by_trans - (double)g[RE_N + at]) > 1e-5 + 0.02 * fabs(by_trans))
@@ -223,4 +243,62 @@ void check_reproject(void) {
     fail_msg("reproject: %d pixels count, %d compared", n_counted, n_compared);
   assert_true(sv_reproject_loss(&in, &backwards, band, again, again + RE_N) == got);
   assert_memory_equal(g, again, sizeof g);
+}
+
+// Of colors: summed differences of a pixel with this change of one of them; below 0: it does not
+// count.
+static double colours_double(const float *partner_depth, int x, int y, int c_changed, double change) {
+  const int at = y * RE_S + x;
+  double u, v, z, value[3], sum = 0;
+  if (!place_double(&view, &partner, x, y, (double)re_inverse[at], &u, &v, &z)) return -1;
+  if (!partner_at(u, v, value)) return -1;
+  const double seen = (double)partner_depth[(int)(v + 0.5) * RE_S + (int)(u + 0.5)];
+  if (!(seen > 0) || fabs(seen - z) > 0.05 * z) return -1;
+  for (int c = 0; c < 3; c++)
+    sum += fabs(value[c] - (double)re_colour[c * RE_N + at] - (c == c_changed ? change : 0));
+  return sum > 0.9 ? -1 : sum;
+}
+
+static void check_colours(void) {
+  static float partner_depth[RE_N], g[3][RE_N], again[3][RE_N];
+  float *const to[3] = {g[0], g[1], g[2]}, *const to_again[3] = {again[0], again[1], again[2]};
+  const sv_reproject_input in = reproject_input();
+  const sv_pool serial = sv_pool_serial(), backwards = {NULL, 3, run_backwards};
+  const double per = 0.3 / (3.0 * 500), step = 1e-6;
+  double band[RE_H / SV_REPROJECT_BAND_ROWS + 1], want = 0;
+  int n_counted = 0, n_hidden = 0;
+  // Some of what the view shows is behind what the partner sees.
+  for (int y = 0; y < RE_H; y++)
+    for (int x = 0; x < RE_W; x++) {
+      double u, v, z;
+      if (!place_double(&view, &partner, x, y, (double)re_inverse[y * RE_S + x], &u, &v, &z)) continue;
+      partner_depth[(int)(v + 0.5) * RE_S + (int)(u + 0.5)] = (float)z * (x % 3 == 0 ? 0.9f : 1.02f);
+    }
+  const double got = sv_reproject_colours(&in, partner_depth, RE_S, &serial, band, to);
+  for (int y = 0; y < RE_H; y++)
+    for (int x = 0; x < RE_W; x++) {
+      const double value = colours_double(partner_depth, x, y, 0, 0);
+      double u, v, z;
+      const bool is_inside =
+          place_double(&view, &partner, x, y, (double)re_inverse[y * RE_S + x], &u, &v, &z);
+      if (value >= 0) want += per * value;
+      n_counted += value >= 0;
+      n_hidden += is_inside && value < 0;
+      for (int c = 0; c < 3; c++) {
+        const double plus = colours_double(partner_depth, x, y, c, step);
+        const double numeric =
+            value < 0 ? 0 : per * (plus - colours_double(partner_depth, x, y, c, -step)) / (2 * step);
+        if (fabs(numeric - (double)g[c][y * RE_S + x]) > 1e-3 * per)
+          fail_msg("reproject %d, %d: dL/dC %.7g, numeric %.7g", x, y, (double)g[c][y * RE_S + x], numeric);
+      }
+    }
+  if (fabs(got - want) > 1e-4 * want) fail_msg("colors: value %.9g, in double %.9g", got, want);
+  if (n_counted < 60 || n_hidden < 20) fail_msg("colors: %d pixels count, %d do not", n_counted, n_hidden);
+  assert_true(sv_reproject_colours(&in, partner_depth, RE_S, &backwards, band, to_again) == got);
+  assert_memory_equal(g, again, sizeof g);
+}
+
+void check_reproject(void) {
+  check_depth();
+  check_colours();
 }

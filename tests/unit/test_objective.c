@@ -89,6 +89,27 @@ TEST(test_smooth_depth) {
   }
 }
 
+// Novel views beside those of several exposures, the less the more there are; none with one
+// exposure, with lens grids, which have reduced ones, with moving scenes and from afar.
+TEST(test_novel_views) {
+  for (int n_sub_views = 1; n_sub_views <= 4; n_sub_views++)
+    for (int n = 1; n <= 30; n++) {
+      const sv_train_cfg c = of(n, n_sub_views, false, false), more = of(n + 1, n_sub_views, false, false);
+      const bool has_novel = n > 1 && n < 18;
+      assert_int_equal(c.n_novel, has_novel);
+      assert_true((c.weight_reproject_novel > 0) == has_novel && (c.weight_smooth_novel > 0) == has_novel);
+      assert_true((c.weight_tv_novel > 0) == has_novel);
+      if (n > 1) assert_true(more.weight_smooth_novel <= c.weight_smooth_novel);
+      assert_int_equal(of(n, n_sub_views, false, true).n_novel, 0);
+      assert_true(of(n, 16, n_sub_views % 2 == 0, false).weight_smooth_novel == 0);
+      sv_train_cfg far = sv_train_defaults();
+      sv_train_set_objective(&far,
+                             &(sv_sampling){.n_exposures = n, .n_sub_views = n_sub_views, .is_far = true});
+      assert_int_equal(far.n_novel, 0);
+    }
+  assert_true(of(3, 1, false, false).weight_tv_novel > of(3, 2, false, false).weight_tv_novel);
+}
+
 // Where exposures are few, of more than 20,000 Gaussians each has the weight that it would have
 // among so many; fewer share the whole weight.
 TEST(test_weight_of_many) {
