@@ -10,6 +10,8 @@
 // too.
 #define DIFFERENT    0.3f
 #define SAME_SURFACE 0.05f // of depth
+// Smaller differences count by their square: colors between pixel centers are no closer.
+#define KNEE 0.2f
 
 typedef struct {
   const sv_reproject_input *in;
@@ -137,11 +139,13 @@ static float colours_of(const job *j, int x, int y) {
   if (!(seen > 0.0f) || fabsf(seen - p.depth) > SAME_SURFACE * p.depth) return 0.0f;
   for (int c = 0; c < 3; c++) off += fabsf(in->colour[c][at] - s.value[c]);
   if (off > 3.0f * DIFFERENT) return 0.0f;
+  float sum = 0.0f;
   for (int c = 0; c < 3; c++) {
-    const float d = in->colour[c][at] - s.value[c];
-    j->g_colour[c][at] += d > 0.0f ? j->per_value : d < 0.0f ? -j->per_value : 0.0f;
+    const float d = in->colour[c][at] - s.value[c], size = fabsf(d);
+    sum += size > KNEE ? size - 0.5f * KNEE : 0.5f * d * d / KNEE;
+    j->g_colour[c][at] += j->per_value * sv_clampf(d / KNEE, -1.0f, 1.0f);
   }
-  return off;
+  return sum;
 }
 
 static void colours_task(void *arg, int i_band, int i_thread) {

@@ -43,7 +43,8 @@ typedef struct {
 double sv_reproject_loss(const sv_reproject_input *in, const sv_pool *pool, double *band, float *g_depth,
                          float *g_trans);
 
-// L = weight / (3 n_px) sum over the pixels of |I'(project(d)) - C|_1, C the rendered colors.
+// L = weight / (3 n_px) sum over the pixels of h(I'(project(d)) - C), C the rendered colors
+// and h the Huber loss of the channels, linear from 0.2 on.
 // Pixels count whose point lies within a twentieth of the partner's own depth there, and whose mean
 // difference is at most 0.3. partner_depth: plane of the partner, [height][partner_stride], 0:
 // none. Adds dL/dC to g_colour, planes of the view. depth and phase are not used. Returns L; the

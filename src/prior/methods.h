@@ -17,7 +17,8 @@ const char *sv_prior_method_name(sv_prior_method m); // "none", "fsgs", "sparseg
 int sv_prior_method_by_name(const char *name);       // -1 when unknown
 // Depth maps from the training views themselves, where they overlap (sweep.h): relative maps from
 // outside are solved against them (align.h). They have no loss of their own: what they tell is in
-// the model from the start, and a further loss costs more than it gives (docs/notes/quality.md).
+// the model from the start, and a further loss costs more than it gives
+// (docs/notes/few-exposures.md).
 // *n_maps is their number, 0 when the views share too little. Scratch: sv_sweep_bytes.
 sv_status sv_prior_measure(sv_prior *prior, const sv_bounds *bounds, sv_arena *scratch,
                            int *n_maps) SV_MUST_USE;

@@ -12,7 +12,7 @@
 #define BAND_ROWS 16
 
 // An aligned map counts as much as the picture: what shapes a surface that one view sees is the map
-// alone (docs/notes/quality.md).
+// alone (docs/notes/few-exposures.md).
 #define ALIGNED_FACTOR 60.0f
 
 // --- views ---------------------------------------------------------------------------------------

@@ -54,7 +54,7 @@ size_t sv_driver_scratch_bytes(const sv_train_cfg *cfg, int n_points) {
 }
 
 // How often the model that tells lens images apart sees each region of a sensor. With more, its
-// floaters settle between the lenses, and depth maps find them (docs/notes/quality.md).
+// floaters settle between the lenses, and depth maps find them (docs/notes/few-exposures.md).
 #define SKETCH_EPOCHS 10
 
 // A first model of what multiplexed sensors show, for telling their lens images apart.

@@ -69,16 +69,15 @@ static void set_surface(sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
 }
 
 // What several exposures leave open is what the space between them looks like. Novel views beside
-// theirs show it: there, colors follow the picture that sees the same surface, and depth and colors
-// vary little. With one exposure they would look behind everything (docs/notes/quality.md).
+// theirs show it: there, colors follow the picture that sees the same surface, and depth is smooth.
+// With one exposure they would look behind everything (docs/notes/few-exposures.md).
 #define NOVEL_EVERY     8
 #define NOVEL_RAD       1.0f
 #define NOVEL_REPROJECT (0.5f * NOVEL_EVERY)
 #define NOVEL_SMOOTH    (0.3f * NOVEL_EVERY)
-#define NOVEL_TV        (0.5f * NOVEL_EVERY)
-// Weights of smooth depth and colors of few exposures of one camera, whose depth nothing measures.
-#define NOVEL_ONE_CAMERA_SMOOTH (1.0f * NOVEL_EVERY)
-#define NOVEL_ONE_CAMERA_TV     (3.0f * NOVEL_EVERY)
+// Of few exposures of one camera, whose depth nothing measures; there, colors vary little, too.
+#define NOVEL_ALONE_SMOOTH (1.0f * NOVEL_EVERY)
+#define NOVEL_ALONE_TV     (3.0f * NOVEL_EVERY)
 
 static void set_novel(sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
   if (is_grid || s->is_far || s->is_moving || s->n_exposures < 2 || s->n_exposures >= MANY_EXPOSURES) return;
@@ -87,8 +86,8 @@ static void set_novel(sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
   cfg->novel_every = NOVEL_EVERY;
   cfg->novel_rad = NOVEL_RAD;
   cfg->weight_reproject_novel = fewness(s) * NOVEL_REPROJECT;
-  cfg->weight_smooth_novel = fewness(s) * (is_alone ? NOVEL_ONE_CAMERA_SMOOTH : NOVEL_SMOOTH);
-  cfg->weight_tv_novel = fewness(s) * (is_alone ? NOVEL_ONE_CAMERA_TV : NOVEL_TV);
+  cfg->weight_smooth_novel = fewness(s) * (is_alone ? NOVEL_ALONE_SMOOTH : NOVEL_SMOOTH);
+  if (is_alone) cfg->weight_tv_novel = NOVEL_ALONE_TV;
 }
 
 // Of the Gaussians, in each relocation: many exposures, and many instants of a moving scene, tell
@@ -161,7 +160,7 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   if (cfg->is_antialiased) cfg->dilation_px2 = SV_DILATION_AREA_PX2;
   // What is seen at some times only settles better in Adam's even steps: its curvature of a step
   // ago was another picture's. From afar they come nearer to a surface that several views see, and
-  // tell better whose light a pixel of several lenses is (docs/notes/quality.md).
+  // tell better whose light a pixel of several lenses is (docs/notes/few-exposures.md).
   const bool is_even =
       s->is_moving || (s->is_far && (s->is_multiplexed || s->n_exposures * s->n_sub_views > 1));
   cfg->optimizer = is_even ? SV_OPTIMIZER_ADAM : SV_OPTIMIZER_GAUSS_NEWTON;

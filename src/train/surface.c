@@ -4,7 +4,7 @@
 #include "src/loss/reproject.h"
 
 // A surface asks the same in each step: one of eight with eight times the weight gives the same
-// model for 4 % more time of a run instead of 60 % (docs/notes/quality.md).
+// model for 4 % more time of a run instead of 60 % (docs/notes/few-exposures.md).
 #define EVERY       8
 #define PARTNER_KEY 0x9d2cu
 

@@ -249,14 +249,17 @@ static void check_depth(void) {
 // count.
 static double colours_double(const float *partner_depth, int x, int y, int c_changed, double change) {
   const int at = y * RE_S + x;
-  double u, v, z, value[3], sum = 0;
+  double u, v, z, value[3], off = 0, sum = 0;
   if (!place_double(&view, &partner, x, y, (double)re_inverse[at], &u, &v, &z)) return -1;
   if (!partner_at(u, v, value)) return -1;
   const double seen = (double)partner_depth[(int)(v + 0.5) * RE_S + (int)(u + 0.5)];
   if (!(seen > 0) || fabs(seen - z) > 0.05 * z) return -1;
-  for (int c = 0; c < 3; c++)
-    sum += fabs(value[c] - (double)re_colour[c * RE_N + at] - (c == c_changed ? change : 0));
-  return sum > 0.9 ? -1 : sum;
+  for (int c = 0; c < 3; c++) {
+    const double d = fabs(value[c] - (double)re_colour[c * RE_N + at] - (c == c_changed ? change : 0));
+    off += d;
+    sum += d > 0.2 ? d - 0.1 : d * d / 0.4;
+  }
+  return off > 0.9 ? -1 : sum;
 }
 
 static void check_colours(void) {
