@@ -71,15 +71,7 @@ sv_view sv_train_novel_view(sv_trainer *t) {
 static double depth_losses(sv_trainer *t, const sv_train_image *im, const sv_view *view, float share) {
   const sv_planes *x = &t->render.rgb;
   const float *bg = im->options.bg;
-  double loss = sv_smooth_loss(&t->smooth, &(sv_smooth_input){.depth = t->render.depth,
-                                                              .trans = t->render.trans,
-                                                              .colour = {x->c[0], x->c[1], x->c[2]},
-                                                              .width_px = x->width_px,
-                                                              .height_px = x->height_px,
-                                                              .stride = x->stride,
-                                                              .rows_padded = x->rows_padded,
-                                                              .alpha_min = SV_SURFACE_ALPHA_MIN,
-                                                              .weight = share * t->cfg.weight_smooth_novel});
+  double loss = sv_train_smooth_loss(t, t->render.rgb.c, share * t->cfg.weight_smooth_novel);
   if (!sv_train_has_same_colours(t) || im->has_target) return loss;
   const sv_reproject_input in = {.inverse = t->smooth.inverse,
                                  .colour = {x->c[0], x->c[1], x->c[2]},

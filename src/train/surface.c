@@ -52,18 +52,22 @@ static double reproject(sv_trainer *t, const sv_train_image *im) {
   return sv_reproject_loss(&in, t->compute.pool, t->smooth.band, t->smooth.g_depth, t->smooth.g_trans);
 }
 
+double sv_train_smooth_loss(sv_trainer *t, float *const colour[3], float weight) {
+  const sv_planes *x = &t->render.rgb;
+  const sv_smooth_input in = {.depth = t->render.depth,
+                              .trans = t->render.trans,
+                              .colour = {colour[0], colour[1], colour[2]},
+                              .width_px = x->width_px,
+                              .height_px = x->height_px,
+                              .stride = x->stride,
+                              .rows_padded = x->rows_padded,
+                              .alpha_min = SV_SURFACE_ALPHA_MIN,
+                              .weight = weight};
+  return sv_smooth_loss(&t->smooth, &in);
+}
+
 double sv_train_surface_loss(sv_trainer *t, sv_train_image *im) {
-  const sv_planes *x = &t->render.rgb, *target = &t->target;
-  double loss =
-      sv_smooth_loss(&t->smooth, &(sv_smooth_input){.depth = t->render.depth,
-                                                    .trans = t->render.trans,
-                                                    .colour = {target->c[0], target->c[1], target->c[2]},
-                                                    .width_px = x->width_px,
-                                                    .height_px = x->height_px,
-                                                    .stride = x->stride,
-                                                    .rows_padded = x->rows_padded,
-                                                    .alpha_min = SV_SURFACE_ALPHA_MIN,
-                                                    .weight = t->cfg.weight_smooth * EVERY});
+  double loss = sv_train_smooth_loss(t, t->target.c, t->cfg.weight_smooth * EVERY);
   if (t->cfg.weight_reproject > 0.0f) loss += reproject(t, im);
   im->g_depth = t->smooth.g_depth;
   im->g_trans = t->smooth.g_trans;

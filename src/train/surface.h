@@ -16,6 +16,9 @@ extern "C" {
 bool sv_train_has_same_colours(const sv_trainer *t);
 // Whether an image of this step has them; asked after its before_render hook.
 bool sv_train_is_surface_due(const sv_trainer *t, const sv_train_image *im);
+// Smoothness of the depth that was rendered, edges by `colour`, planes of its size. Leaves inverse
+// depth and gradient in t->smooth.
+double sv_train_smooth_loss(sv_trainer *t, float *const colour[3], float weight);
 // Their value. im gets their gradient. Reads the rendering and the step's target.
 double sv_train_surface_loss(sv_trainer *t, sv_train_image *im);
 
