@@ -91,11 +91,12 @@ async function load_model(seq) {
   if (!view || page.viewing || page.past || page.is_loading || seq === page.model_seq) return;
   page.is_loading = true;
   try {
-    const r = await fetch("/model?after=" + page.model_seq);
+    const r = await fetch("/model?after=" + page.model_seq), data = await r.arrayBuffer();
+    if (page.past || page.viewing) return; // pressed meanwhile: the view shows another model
     if (r.status === 200) {
       const n = +r.headers.get("X-Subview-Seq");
       const is_first = !view.n;
-      if (view.load(await r.arrayBuffer())) page.model_seq = n;
+      if (view.load(data)) page.model_seq = n;
       if (is_first) view.go_to(new URLSearchParams(location.search).get("view"));
     } else if (r.status === 404) {
       view.clear();
