@@ -86,6 +86,9 @@ $(PROGS_digests): $(call obj,tests/digests/stage_digests.c) $(TEST_ARCHIVES)
 	$(call link,-lcmocka)
 
 PROGS_lint  := $(CORE) $(PROGRAMS)
+# Both items may run at once, and each would make it.
+PROGS_library := $(O)/lib/libsubview.a
+PROGS_package := $(PROGS_library)
 PROGS_named := $(addprefix $(O)/tests/,$(TESTS))
 
 # What `make only` is asked for has to be there.
