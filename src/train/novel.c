@@ -67,6 +67,23 @@ sv_view sv_train_novel_view(sv_trainer *t) {
   return sv_view_scaled(&out, (side + t->cfg.novel_px - 1) / t->cfg.novel_px);
 }
 
+// How far a view beside the step's own is turned at most: as far as the views go, and as far again.
+// Beyond, nothing tells what is there, and nobody looks from there.
+static float most_rad(const sv_trainer *t, const sv_view *v) {
+  double from[3], most = 0;
+  float c[3];
+  sv_view_centre(c, v);
+  for (int k = 0; k < 3; k++) from[k] = (double)c[k] - (double)t->centre[k];
+  for (int i = 0; i < t->n_views; i++) {
+    double to[3];
+    sv_view_centre(c, &t->views[i].view);
+    for (int k = 0; k < 3; k++) to[k] = (double)c[k] - (double)t->centre[k];
+    const double angle = sv_angle_between(from, to);
+    if (angle > most) most = angle;
+  }
+  return sv_minf(t->cfg.novel_rad, 2.0f * (float)most);
+}
+
 // Of the novel view that is rendered, beside the image, whose depth is in part_err.
 static double depth_losses(sv_trainer *t, const sv_train_image *im, const sv_view *view, float share) {
   const sv_planes *x = &t->render.rgb;
@@ -97,8 +114,8 @@ sv_status sv_train_novel_step(sv_trainer *t, const sv_train_image *im, const sv_
               *g_trans = is_beside ? t->smooth.g_trans : NULL;
   if (is_beside) sv_render_expected_depth(&t->render, SV_SURFACE_ALPHA_MIN, t->part_err);
   for (int i = 0; i < t->cfg.n_novel; i++) {
-    const sv_view view =
-        is_beside ? sv_train_turned_view(t, &im->view, t->cfg.novel_rad, &t->rng) : sv_train_novel_view(t);
+    const sv_view view = is_beside ? sv_train_turned_view(t, &im->view, most_rad(t, &im->view), &t->rng)
+                                   : sv_train_novel_view(t);
     sv_status s = sv_render(&t->render, &t->g, &view, options);
     if (s < 0) return s;
     sv_planes_set_size(&t->part_grad, view.width_px, view.height_px);

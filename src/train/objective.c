@@ -71,23 +71,18 @@ static void set_surface(sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
 // What several exposures leave open is what the space between them looks like. Novel views beside
 // theirs show it: there, colors follow the picture that sees the same surface, and depth is smooth.
 // With one exposure they would look behind everything (docs/notes/few-exposures.md).
-#define NOVEL_EVERY     8
+#define NOVEL_EVERY     16
 #define NOVEL_RAD       1.0f
 #define NOVEL_REPROJECT (0.5f * NOVEL_EVERY)
 #define NOVEL_SMOOTH    (0.3f * NOVEL_EVERY)
-// Of few exposures of one camera, whose depth nothing measures; there, colors vary little, too.
-#define NOVEL_ALONE_SMOOTH (1.0f * NOVEL_EVERY)
-#define NOVEL_ALONE_TV     (3.0f * NOVEL_EVERY)
 
 static void set_novel(sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
   if (is_grid || s->is_far || s->is_moving || s->n_exposures < 2 || s->n_exposures >= MANY_EXPOSURES) return;
-  const bool is_alone = s->n_sub_views == 1 && s->n_exposures <= SV_FEW_EXPOSURES;
   cfg->n_novel = 1;
   cfg->novel_every = NOVEL_EVERY;
   cfg->novel_rad = NOVEL_RAD;
   cfg->weight_reproject_novel = fewness(s) * NOVEL_REPROJECT;
-  cfg->weight_smooth_novel = fewness(s) * (is_alone ? NOVEL_ALONE_SMOOTH : NOVEL_SMOOTH);
-  if (is_alone) cfg->weight_tv_novel = NOVEL_ALONE_TV;
+  cfg->weight_smooth_novel = fewness(s) * NOVEL_SMOOTH;
 }
 
 // Of the Gaussians, in each relocation: many exposures, and many instants of a moving scene, tell
