@@ -15,7 +15,8 @@ static bool is_turn(const sv_trainer *t) {
 }
 
 bool sv_train_has_novel(const sv_trainer *t, const sv_train_image *im) {
-  return is_turn(t) && sv_train_is_novel_beside(&t->cfg) && im->scale == 1 && !im->is_supersampled;
+  return is_turn(t) && sv_train_is_novel_beside(&t->cfg) && im->scale == 1 && !im->is_supersampled &&
+         !im->has_target && sv_train_has_same_colours(t);
 }
 
 bool sv_train_is_novel_due(const sv_trainer *t, const sv_train_image *im) {
@@ -88,8 +89,7 @@ static float most_rad(const sv_trainer *t, const sv_view *v) {
 static double depth_losses(sv_trainer *t, const sv_train_image *im, const sv_view *view, float share) {
   const sv_planes *x = &t->render.rgb;
   const float *bg = im->options.bg;
-  double loss = sv_train_smooth_loss(t, t->render.rgb.c, share * t->cfg.weight_smooth_novel);
-  if (!sv_train_has_same_colours(t) || im->has_target) return loss;
+  const double loss = sv_train_smooth_loss(t, t->render.rgb.c, share * t->cfg.weight_smooth_novel);
   const sv_reproject_input in = {.inverse = t->smooth.inverse,
                                  .colour = {x->c[0], x->c[1], x->c[2]},
                                  .width_px = x->width_px,
