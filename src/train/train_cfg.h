@@ -120,8 +120,8 @@ typedef struct sv_train_cfg {
   int n_novel;     // Novel views that are regularized in such a step. Default 0: none.
   int novel_every; // Steps from one with novel views to the next. Default 1.
   int novel_px;    // Their longer side is reduced to at most so many pixels. Default 100.
-  // Largest angle in rad by which a novel view is turned about the scene from a captured one; beside
-  // the step's picture at most twice as far as the farthest other view. Default 0.35.
+  // Largest angle in rad by which a novel view is turned about the scene from a captured one;
+  // beside the step's picture at most twice as far as the farthest other view. Default 0.35.
   float novel_rad;
   // Regularization weights of mean opacity and mean scale (3DGS-MCMC). Defaults 0.01.
   float reg_opacity, reg_scale;
