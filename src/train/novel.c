@@ -16,7 +16,7 @@ static bool is_turn(const sv_trainer *t) {
 
 bool sv_train_has_novel(const sv_trainer *t, const sv_train_image *im) {
   return is_turn(t) && sv_train_is_novel_beside(&t->cfg) && im->scale == 1 && !im->is_supersampled &&
-         !im->has_target && sv_train_has_same_colours(t);
+         !t->cfg.is_deep; // smooth depth finds no edges in dark light
 }
 
 bool sv_train_is_novel_due(const sv_trainer *t, const sv_train_image *im) {
@@ -90,6 +90,7 @@ static double depth_losses(sv_trainer *t, const sv_train_image *im, const sv_vie
   const sv_planes *x = &t->render.rgb;
   const float *bg = im->options.bg;
   const double loss = sv_train_smooth_loss(t, t->render.rgb.c, share * t->cfg.weight_smooth_novel);
+  if (!sv_train_has_same_colours(t) || im->has_target) return loss;
   const sv_reproject_input in = {.inverse = t->smooth.inverse,
                                  .colour = {x->c[0], x->c[1], x->c[2]},
                                  .width_px = x->width_px,

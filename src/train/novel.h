@@ -15,9 +15,8 @@ extern "C" {
 
 // Whether novel views lie beside the view of the step.
 bool sv_train_is_novel_beside(const sv_train_cfg *c);
-// Whether one lies beside this image; asked after its before_render hook. Its picture has to be the
-// view's own, in the model's colors: 16-bit light, cameras that differ and rolling shutters have no
-// such.
+// Whether one lies beside this image; asked after its before_render hook. None does in 16-bit
+// light.
 bool sv_train_has_novel(const sv_trainer *t, const sv_train_image *im);
 // Whether this step regularizes novel views. im: its image, zero when it took a region.
 bool sv_train_is_novel_due(const sv_trainer *t, const sv_train_image *im);
