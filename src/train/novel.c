@@ -69,7 +69,7 @@ sv_view sv_train_novel_view(sv_trainer *t) {
 }
 
 // How far a view beside the step's own is turned at most: as far as the views go, and as far again.
-// Beyond, nothing tells what is there, and nobody looks from there.
+// Farther off, no picture shows the surface.
 static float most_rad(const sv_trainer *t, const sv_view *v) {
   double from[3], most = 0;
   float c[3];
