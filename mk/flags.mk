@@ -6,7 +6,7 @@
 ARITH  := -ffp-contract=off -fno-math-errno -fno-trapping-math
 ERRORS := $(if $(filter-out 0,$(WERROR)),-Werror)
 WARN   := -Wall -Wextra -Wpedantic -Wshadow -Wvla -Walloca -Wstrict-prototypes \
-          -Wpointer-arith -Wno-unused-function -Wno-missing-field-initializers $(ERRORS)
+          -Wpointer-arith -Wno-missing-field-initializers $(ERRORS)
 SANF   := $(if $(SAN),-fsanitize=$(SAN) -fno-sanitize-recover=all -fno-omit-frame-pointer)
 OPT         ?= $(if $(SAN),-O1,-O2)
 OPT_KERNELS ?= $(if $(SAN),-O1,-O3)

@@ -3,7 +3,8 @@
 #include "kernels/raster/raster.h"
 #include "kernels/simd/v16.h"
 
-#define INLINE static inline __attribute__((always_inline))
+// Unused: not all instruction sets need each of them.
+#define INLINE static inline __attribute__((always_inline, unused))
 
 typedef struct {
   v16 qc, v;

@@ -308,7 +308,7 @@ static inline void v16_tr8_(__m256 r[8]) {
     r[i + 4] = _mm256_permute2f128_ps(s[i], s[i + 4], 0x31);
   }
 }
-static __attribute__((noinline)) void v16_transpose(v16 x[16]) {
+static __attribute__((noinline, unused)) void v16_transpose(v16 x[16]) {
   __m256 p[8], q[8], r[8], s[8];
   for (int i = 0; i < 8; i++) {
     p[i] = x[i].a;

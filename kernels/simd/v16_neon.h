@@ -212,7 +212,7 @@ static inline float32x4_t v16_sum4_(const v16 *x) {
   return vaddq_f32(vaddq_f32(a, c), vaddq_f32(b, d));
 }
 static inline v16 v16_sum16(const v16 x[16]) { V16_EACH(v16, v16_sum4_(x + 4 * i)); }
-static __attribute__((noinline)) void v16_transpose(v16 x[16]) {
+static __attribute__((noinline, unused)) void v16_transpose(v16 x[16]) {
   V16_UNROLL
   for (int g = 0; g < 4; g++) V16_UNROLL
   for (int k = 0; k < 4; k++)

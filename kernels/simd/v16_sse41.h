@@ -205,7 +205,7 @@ static inline __m128 v16_sum4_(const v16 *x) {
   return _mm_add_ps(_mm_add_ps(a, c), _mm_add_ps(b, d));
 }
 static inline v16 v16_sum16(const v16 x[16]) { V16_EACH(v16, v16_sum4_(x + 4 * i)); }
-static __attribute__((noinline)) void v16_transpose(v16 x[16]) {
+static __attribute__((noinline, unused)) void v16_transpose(v16 x[16]) {
   V16_UNROLL
   for (int g = 0; g < 4; g++) V16_UNROLL
   for (int k = 0; k < 4; k++)
