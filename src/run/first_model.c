@@ -37,6 +37,11 @@ static sv_status first_model(sv_app *app, const sv_bounds *b, bool is_measured, 
   if (s == SV_OK)
     sv_app_log(app, SV_LOG_INFO, "first model: %d points from the depth maps of %d views", start.n_points,
                start.n_maps);
+  else if (s == SV_AGAIN && is_measured && sv_driver_n_views(t) > 1 && !app->odometry.is_tracked)
+    sv_app_log(
+        app, SV_LOG_WARN,
+        "no depth maps of these views (too little overlap or parallax, or a calibration that is off): the "
+        "first model is random, and views far from the cameras may show little of the scene");
   app->prior.is_covered = s == SV_OK;
   if (s == SV_AGAIN) choose_blind(app, &start);
   // Their nearest neighbours: 7 us a Gaussian on x86-64, ten times as long on a slow board.

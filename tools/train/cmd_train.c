@@ -228,8 +228,11 @@ static sv_status measure_points(run *r, sv_err *err) {
   if (s != SV_AGAIN) return s;
   r->is_stereo = false;
   start->n_points = 0;
-  if (r->o->init)
-    lab_say(&r->session, "--init stereo: the views overlap too little; starting from random points");
+  if (r->o->init || sv_driver_n_views(&r->plan.trainer) > 1)
+    lab_say(
+        &r->session,
+        "no depth maps of these views (too little overlap or parallax, or poses that are off): starting from "
+        "random points; views far from the cameras may show little of the scene");
   return SV_OK;
 }
 
