@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "src/base/mathx.h"
+#include "src/splat/gaussians.h"
 
 void sv_quat_mul(const float a[4], const float b[4], float out[4]) {
   out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
@@ -226,4 +227,69 @@ void sv_bodies_at(const sv_bodies *b, float time, sv_rigid out[SV_CAP_BODIES]) {
   const bool is_at = time <= b->time[i] || i == b->n_knots - 1;
   if (!is_at) l = around(b, time, i + 1, i + 1);
   for (int body = 1; body < b->n; body++) out[body] = is_at ? *sv_bodies_knot(b, body, i) : mix(b, body, &l);
+}
+
+void sv_bodies_copy(sv_bodies *to, const sv_bodies *from, int n, int cap) {
+  if (!to->of) return;
+  sv_bodies_reset(to, cap);
+  memcpy(to->of, from->of, (size_t)n);
+  memcpy(to->centre, from->centre, SV_CAP_BODIES * sizeof *to->centre);
+  memcpy(to->radius, from->radius, SV_CAP_BODIES * sizeof *to->radius);
+  memcpy(to->time, from->time, (size_t)from->cap_knots * sizeof *to->time);
+  memcpy(to->knot, from->knot, (size_t)SV_CAP_BODIES * (size_t)from->cap_knots * sizeof *to->knot);
+  to->n = from->n;
+  to->n_knots = from->n_knots;
+}
+
+// --- members -------------------------------------------------------------------------------------
+
+void sv_bodies_carry(const sv_bodies *b, const sv_rigid *now, float *moved, int n_rows, int i0, int i1) {
+  for (int i = i0; i < i1; i++) {
+    const int body = b->of[i];
+    if (!body) continue;
+    float *slot = moved + (long)(i >> 4) * n_rows * 16 + (i & 15);
+    float *x = slot + 16 * SV_ROW_MEAN, *p = slot + 16 * SV_ROW_QUAT;
+    float at[3] = {x[0], x[16], x[32]}, q[4] = {p[0], p[16], p[32], p[48]}, out[4];
+    sv_rigid_apply(&now[body], b->centre[body], at, at);
+    sv_quat_mul(now[body].q, q, out);
+    for (int k = 0; k < 3; k++) x[16 * k] = at[k];
+    for (int k = 0; k < 4; k++) p[16 * k] = out[k];
+  }
+}
+
+// slot: a Gaussian's lane of moved.
+static void bwd_slot(const sv_bodies *b, int body, const float *slot, float *grad, float sum[6]) {
+  const float *x = slot + 16 * SV_ROW_MEAN, *p = slot + 16 * SV_ROW_QUAT;
+  const float *c = b->centre[body], *d = b->now[body].d;
+  const float back[4] = {b->now[body].q[0], -b->now[body].q[1], -b->now[body].q[2], -b->now[body].q[3]};
+  float *gx = grad + 16 * SV_ROW_MEAN, *gp = grad + 16 * SV_ROW_QUAT;
+  const float g[3] = {gx[0], gx[16], gx[32]}, gq[4] = {gp[0], gp[16], gp[32], gp[48]};
+  float to[4];
+  const sv_rigid turn_back = {.q = {back[0], back[1], back[2], back[3]}};
+  if (sum) {
+    const float y[3] = {x[0] - c[0] - d[0], x[16] - c[1] - d[1], x[32] - c[2] - d[2]};
+    const float q[4] = {p[0], p[16], p[32], p[48]};
+    sum[0] += y[1] * g[2] - y[2] * g[1];
+    sum[1] += y[2] * g[0] - y[0] * g[2];
+    sum[2] += y[0] * g[1] - y[1] * g[0];
+    // d(quaternion)/d(turn_k) = e_k quaternion / 2
+    sum[0] += 0.5f * (-q[1] * gq[0] + q[0] * gq[1] - q[3] * gq[2] + q[2] * gq[3]);
+    sum[1] += 0.5f * (-q[2] * gq[0] + q[3] * gq[1] + q[0] * gq[2] - q[1] * gq[3]);
+    sum[2] += 0.5f * (-q[3] * gq[0] - q[2] * gq[1] + q[1] * gq[2] + q[0] * gq[3]);
+    for (int k = 0; k < 3; k++) sum[3 + k] += g[k];
+  }
+  const float none[3] = {0};
+  sv_rigid_apply(&turn_back, none, g, to);
+  for (int k = 0; k < 3; k++) gx[16 * k] = to[k];
+  sv_quat_mul(back, gq, to);
+  for (int k = 0; k < 4; k++) gp[16 * k] = to[k];
+}
+
+void sv_bodies_carry_bwd(const sv_bodies *b, const float *moved, int n_rows, int block, uint32_t touched,
+                         float *grad, float (*sum)[6]) {
+  if (b->n < 2) return;
+  for (; touched; touched &= touched - 1) {
+    const int k = __builtin_ctz(touched), body = b->of[16 * block + k];
+    if (body) bwd_slot(b, body, moved + (long)block * n_rows * 16 + k, grad + k, sum ? sum[body] : NULL);
+  }
 }

@@ -74,6 +74,17 @@ bool sv_bodies_among(const sv_bodies *b, int body, int i_knot, sv_rigid *out);
 float sv_bodies_reach(const sv_bodies *b, int body);
 // Poses of all bodies in use at a time.
 void sv_bodies_at(const sv_bodies *b, float time, sv_rigid out[SV_CAP_BODIES]);
+// Bodies, knots and the members among Gaussians [0, n) of `from`. Both have the same caps.
+void sv_bodies_copy(sv_bodies *to, const sv_bodies *from, int n, int cap);
+
+// Transforms Gaussians [i0, i1) of moved [cap/16][n_rows][16] from body-local to world, by the
+// poses `now`.
+void sv_bodies_carry(const sv_bodies *b, const sv_rigid *now, float *moved, int n_rows, int i0, int i1);
+// Its backward pass for one block, by the poses b->now: grad [n_rows][16] becomes body-local, in
+// place. With sum, also the gradient of the bodies' poses: sum[body] += dL/d(rotation about the
+// moved center in rad; displacement).
+void sv_bodies_carry_bwd(const sv_bodies *b, const float *moved, int n_rows, int block, uint32_t touched,
+                         float *grad, float (*sum)[6]);
 
 #ifdef __cplusplus
 }

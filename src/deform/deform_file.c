@@ -69,14 +69,18 @@ static const void *rows_of(const sv_deform *d, size_t *bytes) {
   return d->motion.param;
 }
 
-static bool has_bodies(const sv_deform *d) { return d->kind == SV_DEFORM_CLIP && d->motion.bodies.n > 1; }
+static const sv_bodies *bodies_of(const sv_deform *d) {
+  return d->kind == SV_DEFORM_FIELD ? &d->field.bodies : &d->motion.bodies;
+}
+
+static bool has_bodies(const sv_deform *d) { return bodies_of(d)->n > 1; }
 
 static size_t bodies_head_bytes(int n_bodies) {
   return offsetof(bodies_head, centre) + (size_t)n_bodies * 3 * sizeof(float);
 }
 
-static sv_status write_bodies(const sv_motion *mo, sv_sections_writer *w, sv_err *err) {
-  const sv_bodies *b = &mo->bodies;
+static sv_status write_bodies(const sv_deform *d, sv_sections_writer *w, sv_err *err) {
+  const sv_bodies *b = bodies_of(d);
   bodies_head h = {.n_bodies = b->n, .n_knots = b->n_knots};
   memcpy(h.centre, b->centre, (size_t)b->n * sizeof *h.centre);
   const size_t row = (size_t)b->n_knots * sizeof(sv_rigid);
@@ -85,7 +89,7 @@ static sv_status write_bodies(const sv_motion *mo, sv_sections_writer *w, sv_err
   if (s >= 0) s = sv_sections_section_begin(w, "KNOT", (uint64_t)b->n * row, err);
   for (int i = 0; i < b->n && s >= 0; i++) s = sv_sections_write(w, sv_bodies_knot(b, i, 0), row, err);
   if (s >= 0) s = sv_sections_section_end(w, err);
-  return s >= 0 ? sv_sections_put(w, "OF  ", b->of, (size_t)mo->n_moving, err) : s;
+  return s >= 0 ? sv_sections_put(w, "OF  ", b->of, (size_t)sv_deform_n_moving(d), err) : s;
 }
 
 static size_t first_infinite(const float *x, size_t n) {
@@ -107,7 +111,7 @@ sv_status sv_deform_write(const sv_deform *d, const sv_gaussians *g, sv_sink sin
   sv_status s = sv_sections_begin(&w, sink, KIND, has_bodies(d) ? VERSION_BODIES : VERSION, err);
   if (s >= 0) s = sv_sections_put(&w, "HEAD", &h, HEAD_BYTES, err);
   if (s >= 0) s = sv_sections_put(&w, "ROWS", rows, bytes, err);
-  if (s >= 0 && has_bodies(d)) s = write_bodies(&d->motion, &w, err);
+  if (s >= 0 && has_bodies(d)) s = write_bodies(d, &w, err);
   return s >= 0 ? sv_sections_end(&w, err) : s;
 }
 
@@ -135,20 +139,18 @@ static bool is_measured(const float *x, int n) {
 }
 
 // How many bodies and knots, before there is memory for them.
-static sv_status find_bodies(const sv_sections *r, int32_t kind, bodies_head *b, sv_err *err) {
+static sv_status find_bodies(const sv_sections *r, bodies_head *b, sv_err *err) {
   const void *data;
   size_t bytes;
   sv_status s = sv_sections_find(r, "BODY", &data, &bytes, err);
   if (s < 0) return s;
   memset(b, 0, sizeof *b);
   memcpy(b, data, sizeof *b < bytes ? sizeof *b : bytes);
-  if (kind != SV_DEFORM_CLIP || b->n_bodies < 2 || b->n_bodies > SV_CAP_BODIES || b->n_knots < 1 ||
-      b->n_knots > SV_CAP_KNOTS || bytes != bodies_head_bytes(b->n_bodies) ||
-      !is_measured(*b->centre, 3 * b->n_bodies))
-    return sv_fail(
-        err, SV_E_FORMAT,
-        "%s: section \"BODY\" has numbers that no bodies have (2 to %d of them, 1 to %d knots, in a clip)",
-        r->name, SV_CAP_BODIES, SV_CAP_KNOTS);
+  if (b->n_bodies < 2 || b->n_bodies > SV_CAP_BODIES || b->n_knots < 1 || b->n_knots > SV_CAP_KNOTS ||
+      bytes != bodies_head_bytes(b->n_bodies) || !is_measured(*b->centre, 3 * b->n_bodies))
+    return sv_fail(err, SV_E_FORMAT,
+                   "%s: section \"BODY\" has numbers that no bodies have (2 to %d of them, 1 to %d knots)",
+                   r->name, SV_CAP_BODIES, SV_CAP_KNOTS);
   return SV_OK;
 }
 
@@ -168,7 +170,7 @@ sv_status sv_deform_open(sv_deform_file *f, const sv_file_data *file, sv_err *er
     return sv_fail(err, SV_E_FORMAT, "%s: its head has numbers that no motion has", name);
   if (r->version < VERSION_BODIES) return SV_OK;
   bodies_head b;
-  if ((s = find_bodies(r, h->kind, &b, err)) < 0) return s;
+  if ((s = find_bodies(r, &b, err)) < 0) return s;
   h->n_bodies = b.n_bodies;
   h->n_knots = b.n_knots;
   return SV_OK;
@@ -194,7 +196,8 @@ sv_status sv_deform_carve(sv_deform *d, const sv_deform_head *h, const sv_gaussi
                     .width = h->width,
                     .is_shared = h->is_shared != 0,
                     .has_colour = h->has_colour != 0,
-                    .n_threads = n_threads};
+                    .n_threads = n_threads,
+                    .cap_knots = h->n_knots};
   for (int l = 0; l < SV_FIELD_CAP_LEVELS; l++) c.mult[l] = h->mult[l];
   return sv_field_init(&d->field, &c, g, arena);
 }
@@ -211,8 +214,7 @@ static sv_status check_rows(const float *x, size_t n, const char *name, sv_err *
                 : sv_fail(err, SV_E_FORMAT, "%s: value %zu of section \"ROWS\" is not finite", name, i);
 }
 
-static sv_status check_bodies(const sv_motion *mo, const char *name, sv_err *err) {
-  const sv_bodies *b = &mo->bodies;
+static sv_status check_bodies(const sv_bodies *b, int n_moving, const char *name, sv_err *err) {
   for (int i = 0; i < b->n_knots; i++)
     if (!(fabsf(b->time[i]) < MAX_TIME) || (i && !(b->time[i] - b->time[i - 1] > MIN_SPAN)))
       return sv_fail(err, SV_E_FORMAT, "%s: knot %d of its bodies is not later than the one before", name, i);
@@ -220,27 +222,29 @@ static sv_status check_bodies(const sv_motion *mo, const char *name, sv_err *err
     if (!is_motion(sv_bodies_knot(b, i / b->n_knots, i % b->n_knots)))
       return sv_fail(err, SV_E_FORMAT, "%s: knot %d of body %d is no rigid motion", name, i % b->n_knots,
                      i / b->n_knots);
-  for (int i = 0; i < mo->n_moving; i++)
+  for (int i = 0; i < n_moving; i++)
     if (b->of[i] >= b->n)
       return sv_fail(err, SV_E_FORMAT, "%s: Gaussian %d is of body %d, there are %d", name, i, b->of[i],
                      b->n);
   return SV_OK;
 }
 
-static sv_status read_bodies(sv_motion *mo, const sv_sections *r, sv_err *err) {
-  sv_bodies *b = &mo->bodies; // its rows are as long as the file's: cap_knots is n_knots
+static sv_status read_bodies(sv_deform *d, int cap, const sv_sections *r, sv_err *err) {
+  const int n_moving = sv_deform_n_moving(d);
+  sv_bodies *b = sv_deform_bodies(d); // its rows are as long as the file's: cap_knots is n_knots
   bodies_head bh;
-  sv_status s = find_bodies(r, SV_DEFORM_CLIP, &bh, err);
+  sv_status s = find_bodies(r, &bh, err);
   if (s < 0) return s;
+  sv_bodies_reset(b, cap);
   memcpy(b->centre, bh.centre, sizeof bh.centre);
   s = sv_sections_get(r, "TIME", b->time, (size_t)bh.n_knots * sizeof *b->time, err);
   if (s >= 0)
     s = sv_sections_get(r, "KNOT", b->knot, (size_t)(bh.n_bodies * bh.n_knots) * sizeof *b->knot, err);
-  if (s >= 0) s = sv_sections_get(r, "OF  ", b->of, (size_t)mo->n_moving, err);
+  if (s >= 0) s = sv_sections_get(r, "OF  ", b->of, (size_t)n_moving, err);
   if (s < 0) return s;
   b->n = bh.n_bodies;
   b->n_knots = bh.n_knots;
-  if ((s = check_bodies(mo, r->name, err)) < 0) sv_bodies_reset(b, mo->cap);
+  if ((s = check_bodies(b, n_moving, r->name, err)) < 0) sv_bodies_reset(b, cap);
   return s;
 }
 
@@ -261,5 +265,5 @@ sv_status sv_deform_read(sv_deform *d, const sv_deform_file *f, const sv_gaussia
   void *rows = (void *)(uintptr_t)rows_of(d, &bytes);
   s = sv_sections_get(r, "ROWS", rows, bytes, err);
   if (s >= 0) s = check_rows(rows, bytes / sizeof(float), r->name, err);
-  return s >= 0 && h->n_bodies ? read_bodies(&d->motion, r, err) : s;
+  return s >= 0 && h->n_bodies ? read_bodies(d, g->cap, r, err) : s;
 }

@@ -4,7 +4,7 @@
 //   "HEAD"  sv_deform_head up to n_bodies
 //   "ROWS"  of a clip [ceil(n_moving/16)][rows of kernels/motion/motion.h][16], of a field its
 //           parameters (field.h)
-// Version 2, a clip with rigid bodies (bodies.h), has besides
+// Version 2, with rigid bodies (bodies.h), has besides
 //   "BODY"  i32 n_bodies (number 0, which rests, among them), n_knots; centres [n_bodies][3]
 //   "TIME"  [n_knots] rising
 //   "KNOT"  [n_bodies][n_knots] of quaternion w x y z, displacement

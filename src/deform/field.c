@@ -131,6 +131,7 @@ sv_status sv_field_init(sv_field *f, const sv_field_cfg *cfg, const sv_gaussians
   f->coord = SV_TAKE(a, float, n_blocks * 64);
   f->feature = SV_TAKE(a, float, n_blocks * 16 * (size_t)f->n_feature);
   f->scratch = SV_TAKE(a, float, (size_t)cfg->n_threads * f->n_scratch);
+  if ((s = sv_bodies_init(&f->bodies, g->cap, cfg->cap_knots, false, a)) < 0) return s;
   if (!cfg->has_grad) return a->status < 0 ? a->status : SV_OK;
   f->m = SV_TAKE(a, uint16_t, f->n_param);
   f->v = SV_TAKE(a, uint16_t, f->n_param);
@@ -196,6 +197,7 @@ void sv_field_reset(sv_field *f, const sv_gaussians *g, uint64_t seed) {
     fill_layer(f, &rng, head2_layer(f, h), f->cfg.start);
   }
   set_box(f, g);
+  sv_bodies_reset(&f->bodies, f->cap);
   if (!f->m) return;
   memset(f->m, 0, f->n_param * sizeof *f->m);
   memset(f->v, 0, f->n_param * sizeof *f->v);
@@ -275,10 +277,15 @@ static void at_task(void *arg, int i_task, int i_thread) {
   work w = work_of(j->f, i_thread);
   int b1 = sv_mini((i_task + 1) * BLOCKS_PER_TASK, j->n_blocks);
   for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) at_block(j, b, &w);
+  const sv_field *f = j->f;
+  if (f->bodies.n > 1)
+    sv_bodies_carry(&f->bodies, f->bodies.now, f->moved, f->n_gaussian_rows, 16 * i_task * BLOCKS_PER_TASK,
+                    sv_mini(16 * b1, f->n_moving));
 }
 
 void sv_field_at(sv_field *f, const sv_compute *c, sv_gaussians *g, float t) {
   job j = {.f = f, .k = c->k, .g = g, .planes = planes_of(f), .t = t, .n_blocks = (f->n_moving + 15) / 16};
+  if (f->bodies.n > 1) sv_bodies_at(&f->bodies, t, f->bodies.now);
   sv_pool_run(c->pool, at_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   g->moved = f->moved;
   g->n_moved = f->n_moving;

@@ -5,12 +5,15 @@
 // values. Kernels: kernels/field/field.h.
 //
 // Two differences from the authors' implementation: time covers the whole plane (theirs uses the
-// upper half), and the bounding box is that of the Gaussians when they begin to move.
+// upper half), and the bounding box is that of the Gaussians when they begin to move. And one
+// addition: what rigid bodies (bodies.h) carry, the field deforms in the body's own frame. Without
+// bodies, which a field that was not distilled has none of, it is as in the paper.
 // Owns parameters, moments and scratch. Never chooses which Gaussians move.
 #ifndef SV_DEFORM_FIELD_H
 #define SV_DEFORM_FIELD_H
 
 #include "src/base/arena.h"
+#include "src/deform/bodies.h"
 #include "src/port/compute.h"
 #include "src/splat/gaussians.h"
 
@@ -38,6 +41,7 @@ typedef struct {
   float lr_planes, lr_planes_end, lr_layers, lr_layers_end; // times the scene's radius
   bool has_grad;
   int n_threads;
+  int cap_knots; // of rigid bodies; 0: there are none
 } sv_field_cfg;
 
 // By name: tiny, small, medium, dnerf, dynerf, hypernerf, dycheck, multiview (sizes and weights of
@@ -70,6 +74,7 @@ typedef struct {
   float *scratch;    // [n_threads][..]
   size_t n_scratch;
   float lo[3], inv[3]; // box: c = (x - lo) inv
+  sv_bodies bodies;    // at rest when they are not those of a distilled motion
 } sv_field;
 
 // E_ARG: a size is out of range; err names it.
@@ -82,13 +87,15 @@ sv_status sv_field_init(sv_field *f, const sv_field_cfg *cfg, const sv_gaussians
 void sv_field_reset(sv_field *f, const sv_gaussians *g, uint64_t seed);
 // As sv_motion_at.
 void sv_field_at(sv_field *f, const sv_compute *c, sv_gaussians *g, float t);
-// One block at a time of its own: fills f->moved and f->coord, which sv_field_bwd_block reads.
+// One block at a time of its own, without the bodies' poses: fills f->moved and f->coord, which
+// sv_field_bwd_block reads.
 void sv_field_at_block(sv_field *f, const sv_kernels *k, const sv_gaussians *g, int block, int i_thread,
                        float t);
 
 // Field backward of one block: adds to grad [rows][16] of the moved Gaussians the gradient of their
-// positions through the field, and keeps the field's own gradients until sv_field_step. Tasks of
-// SV_FIELD_TASK blocks call it for each of their blocks in order, also when touched is 0.
+// positions through the field, and keeps the field's own gradients until sv_field_step. Gradients
+// of what bodies carry are in the bodies' frames (sv_bodies_carry_bwd). Tasks of SV_FIELD_TASK
+// blocks call it for each of their blocks in order, also when touched is 0.
 void sv_field_bwd_block(sv_field *f, const sv_kernels *k, int block, int i_thread, uint32_t touched,
                         float *grad);
 // Adam on planes and layers after all blocks; step counts from 1; progress 0..1 of the stage.

@@ -135,63 +135,6 @@ sv_motion_args sv_motion_args_of(const sv_motion *mo, const sv_gaussians *g, flo
                           .t = t};
 }
 
-// --- bodies --------------------------------------------------------------------------------------
-
-static float *moved_row(const sv_motion *mo, int i, int row) {
-  return mo->moved + ((long)(i >> 4) * mo->n_gaussian_rows + row) * 16 + (i & 15);
-}
-
-void sv_motion_go_with_bodies(const sv_motion *mo, const sv_rigid *now, int i0, int i1) {
-  const sv_bodies *b = &mo->bodies;
-  for (int i = i0; i < i1; i++) {
-    const int body = b->of[i];
-    if (!body) continue;
-    float *x = moved_row(mo, i, SV_ROW_MEAN), *p = moved_row(mo, i, SV_ROW_QUAT);
-    float at[3] = {x[0], x[16], x[32]}, q[4] = {p[0], p[16], p[32], p[48]}, out[4];
-    sv_rigid_apply(&now[body], b->centre[body], at, at);
-    sv_quat_mul(now[body].q, q, out);
-    for (int k = 0; k < 3; k++) x[16 * k] = at[k];
-    for (int k = 0; k < 4; k++) p[16 * k] = out[k];
-  }
-}
-
-static void bwd_slot(const sv_motion *mo, int i, float *grad, float sum[6]) {
-  const sv_bodies *b = &mo->bodies;
-  const int body = b->of[i];
-  const float *x = moved_row(mo, i, SV_ROW_MEAN), *p = moved_row(mo, i, SV_ROW_QUAT);
-  const float *c = b->centre[body], *d = b->now[body].d;
-  const float back[4] = {b->now[body].q[0], -b->now[body].q[1], -b->now[body].q[2], -b->now[body].q[3]};
-  float *gx = grad + 16 * SV_ROW_MEAN, *gp = grad + 16 * SV_ROW_QUAT;
-  const float g[3] = {gx[0], gx[16], gx[32]}, gq[4] = {gp[0], gp[16], gp[32], gp[48]};
-  float to[4];
-  const sv_rigid turn_back = {.q = {back[0], back[1], back[2], back[3]}};
-  if (sum) {
-    const float y[3] = {x[0] - c[0] - d[0], x[16] - c[1] - d[1], x[32] - c[2] - d[2]};
-    const float q[4] = {p[0], p[16], p[32], p[48]};
-    sum[0] += y[1] * g[2] - y[2] * g[1];
-    sum[1] += y[2] * g[0] - y[0] * g[2];
-    sum[2] += y[0] * g[1] - y[1] * g[0];
-    // d(quaternion)/d(turn_k) = e_k quaternion / 2
-    sum[0] += 0.5f * (-q[1] * gq[0] + q[0] * gq[1] - q[3] * gq[2] + q[2] * gq[3]);
-    sum[1] += 0.5f * (-q[2] * gq[0] + q[3] * gq[1] + q[0] * gq[2] - q[1] * gq[3]);
-    sum[2] += 0.5f * (-q[3] * gq[0] - q[2] * gq[1] + q[1] * gq[2] + q[0] * gq[3]);
-    for (int k = 0; k < 3; k++) sum[3 + k] += g[k];
-  }
-  const float none[3] = {0};
-  sv_rigid_apply(&turn_back, none, g, to);
-  for (int k = 0; k < 3; k++) gx[16 * k] = to[k];
-  sv_quat_mul(back, gq, to);
-  for (int k = 0; k < 4; k++) gp[16 * k] = to[k];
-}
-
-void sv_motion_bodies_bwd(const sv_motion *mo, int block, uint32_t touched, float *grad, float (*sum)[6]) {
-  if (mo->bodies.n < 2) return;
-  for (; touched; touched &= touched - 1) {
-    const int k = __builtin_ctz(touched), i = 16 * block + k;
-    if (mo->bodies.of[i]) bwd_slot(mo, i, grad + k, sum ? sum[mo->bodies.of[i]] : NULL);
-  }
-}
-
 // --- a time --------------------------------------------------------------------------------------
 
 typedef struct {
@@ -199,6 +142,7 @@ typedef struct {
   const sv_motion *mo;
   sv_motion_args a;
   int n_blocks;
+  bool is_carried; // by bodies
 } job;
 
 static void move_task(void *arg, int i_task, int i_thread) {
@@ -207,17 +151,30 @@ static void move_task(void *arg, int i_task, int i_thread) {
   (void)i_thread;
   int b1 = sv_mini(b0 + BLOCKS_PER_TASK, j->n_blocks);
   j->k->motion(&j->a, b0, b1);
-  if (j->mo->bodies.n > 1)
-    sv_motion_go_with_bodies(j->mo, j->mo->bodies.now, 16 * b0, sv_mini(16 * b1, j->mo->n_moving));
+  if (j->is_carried)
+    sv_bodies_carry(&j->mo->bodies, j->mo->bodies.now, j->mo->moved, j->mo->n_gaussian_rows, 16 * b0,
+                    sv_mini(16 * b1, j->mo->n_moving));
 }
 
-void sv_motion_at(sv_motion *mo, const sv_compute *c, sv_gaussians *g, float t) {
+static void move(sv_motion *mo, const sv_compute *c, sv_gaussians *g, float t, bool is_carried) {
   sv_motion_values f = sv_motion_values_at(&mo->cfg, t);
-  job j = {.k = c->k, .mo = mo, .a = sv_motion_args_of(mo, g, t, &f), .n_blocks = (mo->n_moving + 15) / 16};
-  if (mo->bodies.n > 1) sv_bodies_at(&mo->bodies, t, mo->bodies.now);
+  job j = {.k = c->k,
+           .mo = mo,
+           .a = sv_motion_args_of(mo, g, t, &f),
+           .n_blocks = (mo->n_moving + 15) / 16,
+           .is_carried = is_carried};
+  if (is_carried) sv_bodies_at(&mo->bodies, t, mo->bodies.now);
   sv_pool_run(c->pool, move_task, &j, (j.n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK);
   g->moved = mo->moved;
   g->n_moved = mo->n_moving;
+}
+
+void sv_motion_at(sv_motion *mo, const sv_compute *c, sv_gaussians *g, float t) {
+  move(mo, c, g, t, mo->bodies.n > 1);
+}
+
+void sv_motion_local_at(sv_motion *mo, const sv_compute *c, sv_gaussians *g, float t) {
+  move(mo, c, g, t, false);
 }
 
 // Spread of what `width` sums of functions do over the clip: the largest distance from their mean.

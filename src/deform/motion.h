@@ -69,13 +69,8 @@ sv_motion_args sv_motion_args_of(const sv_motion *mo, const sv_gaussians *g, flo
 // Computes the moving Gaussians at time t, with which g is rendered (g->moved, g->n_moved) until
 // the next call.
 void sv_motion_at(sv_motion *mo, const sv_compute *c, sv_gaussians *g, float t);
-
-// Transforms Gaussians [i0, i1) of mo->moved from body-local to world, by the bodies' poses `now`.
-void sv_motion_go_with_bodies(const sv_motion *mo, const sv_rigid *now, int i0, int i1);
-
-// Its backward pass for one block: grad becomes body-local, in place. With sum, also the gradient
-// of the bodies' poses: sum[body] += dL/d(rotation about the moved center in rad; displacement).
-void sv_motion_bodies_bwd(const sv_motion *mo, int block, uint32_t touched, float *grad, float (*sum)[6]);
+// The same without the bodies' poses.
+void sv_motion_local_at(sv_motion *mo, const sv_compute *c, sv_gaussians *g, float t);
 
 // Largest distance of Gaussian i from its mean position, in world units, and the largest change of
 // its opacity logit and its color, over times 0..1 (for powers: the span before t0).

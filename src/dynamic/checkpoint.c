@@ -35,7 +35,8 @@ static bool has_both(const sv_dynamic *dyn) {
   return dyn->cfg.kind == SV_DEFORM_FIELD && sv_dynamic_has_clip(&dyn->cfg);
 }
 
-// Rigid bodies: their number and sizes; then BTIM, BKNO, BADM, BSLO.
+// Rigid bodies: their number and sizes; then BTIM, BKNO, BADM, and BSLO, the body of each Gaussian.
+// FSLO is that of a distilled field.
 typedef struct {
   int32_t n, n_knots, cap_knots;
   float centre[SV_CAP_BODIES][3], radius[SV_CAP_BODIES];
@@ -46,8 +47,8 @@ static size_t knots_of(const sv_bodies *b) { return (size_t)SV_CAP_BODIES * (siz
 static size_t bodies_bytes(const sv_dynamic *dyn) {
   const sv_bodies *b = &dyn->deform.motion.bodies;
   if (!b->of) return 0;
-  return 5 * 40 + sizeof(bodies_head) + (size_t)b->cap_knots * sizeof(float) +
-         knots_of(b) * (sizeof *b->knot + sizeof *b->adam) + (size_t)dyn->t->g.cap;
+  return 6 * 40 + sizeof(bodies_head) + (size_t)b->cap_knots * sizeof(float) +
+         knots_of(b) * (sizeof *b->knot + sizeof *b->adam) + (has_both(dyn) ? 2 : 1) * (size_t)dyn->t->g.cap;
 }
 
 static sv_status put_bodies(sv_sections_writer *w, const sv_dynamic *dyn, sv_err *err) {
@@ -59,11 +60,25 @@ static sv_status put_bodies(sv_sections_writer *w, const sv_dynamic *dyn, sv_err
   if (s >= 0) s = sv_sections_put(w, "BTIM", b->time, (size_t)b->cap_knots * sizeof(float), err);
   if (s >= 0) s = sv_sections_put(w, "BKNO", b->knot, knots_of(b) * sizeof *b->knot, err);
   if (s >= 0) s = sv_sections_put(w, "BADM", b->adam, knots_of(b) * sizeof *b->adam, err);
-  return s >= 0 ? sv_sections_put(w, "BSLO", b->of, (size_t)dyn->t->g.cap, err) : s;
+  if (s >= 0) s = sv_sections_put(w, "BSLO", b->of, (size_t)dyn->t->g.cap, err);
+  if (s < 0 || !sv_distil_is_on(dyn)) return s;
+  return sv_sections_put(w, "FSLO", dyn->deform.field.bodies.of, (size_t)dyn->t->g.cap, err);
 }
 
-static sv_status get_bodies(const sv_sections *r, sv_dynamic *dyn, sv_err *err) {
-  sv_bodies *b = &dyn->deform.motion.bodies;
+// The body of each Gaussian, of n bodies.
+static sv_status get_members(const sv_sections *r, const char *name, uint8_t *of, int cap, int n,
+                             sv_err *err) {
+  sv_status s = sv_sections_get(r, name, of, (size_t)cap, err);
+  for (int i = 0; i < cap && s >= 0; i++)
+    if (of[i] >= n)
+      s = sv_fail(err, SV_E_FORMAT, "%s: Gaussian %d belongs to rigid body %d of %d", r->name, i, of[i],
+                  n - 1);
+  return s;
+}
+
+static sv_status get_bodies(const sv_sections *r, sv_dynamic *dyn, bool is_distilled, sv_err *err) {
+  const int cap = dyn->t->g.cap;
+  sv_bodies *b = &dyn->deform.motion.bodies, *of_field = &dyn->deform.field.bodies;
   bodies_head h;
   sv_status s = sv_sections_get(r, "BODY", &h, sizeof h, err);
   if (s < 0) return s;
@@ -74,17 +89,15 @@ static sv_status get_bodies(const sv_sections *r, sv_dynamic *dyn, sv_err *err) 
   s = sv_sections_get(r, "BTIM", b->time, (size_t)b->cap_knots * sizeof(float), err);
   if (s >= 0) s = sv_sections_get(r, "BKNO", b->knot, knots_of(b) * sizeof *b->knot, err);
   if (s >= 0) s = sv_sections_get(r, "BADM", b->adam, knots_of(b) * sizeof *b->adam, err);
-  if (s >= 0) s = sv_sections_get(r, "BSLO", b->of, (size_t)dyn->t->g.cap, err);
-  for (int i = 0; i < dyn->t->g.cap && s >= 0; i++)
-    if (b->of[i] >= h.n)
-      s = sv_fail(err, SV_E_FORMAT, "%s: Gaussian %d belongs to rigid body %d of %d", r->name, i, b->of[i],
-                  h.n - 1);
+  if (s >= 0) s = get_members(r, "BSLO", b->of, cap, h.n, err);
   if (s < 0) return s;
   b->n = h.n;
   b->n_knots = h.n_knots;
   memcpy(b->centre, h.centre, sizeof h.centre);
   memcpy(b->radius, h.radius, sizeof h.radius);
-  return SV_OK;
+  if (!is_distilled) return SV_OK;
+  sv_bodies_copy(of_field, b, cap, cap);
+  return get_members(r, "FSLO", of_field->of, cap, h.n, err);
 }
 
 static const char *const of_motion[3] = {"MOTN", "MOTM", "MOTV"};
@@ -116,7 +129,7 @@ static sv_status get_motion(const sv_sections *r, sv_dynamic *dyn, bool is_disti
   if (s >= 0 && has_both(dyn)) s = get_state(r, of_field, field_of(dyn), err);
   if (s >= 0 && is_distilled) s = sv_sections_get(r, "TEAC", dyn->distilled.param, rows_bytes(dyn->t), err);
   if (s >= 0) s = sv_sections_get(r, "MOVE", dyn->is_moving, (size_t)dyn->t->g.cap, err);
-  return s >= 0 && bodies_bytes(dyn) ? get_bodies(r, dyn, err) : s;
+  return s >= 0 && bodies_bytes(dyn) ? get_bodies(r, dyn, is_distilled, err) : s;
 }
 
 size_t sv_dynamic_checkpoint_bytes(const void *self) {

@@ -19,7 +19,7 @@
 
 sv_dynamic_cfg sv_dynamic_defaults(void) {
   sv_dynamic_cfg c = {.from = 0.1f,
-                      .distil_at = 0.33f,
+                      .distil_at = 0.8f,
                       .fit = 0.22f,
                       .distilled = 0.25f,
                       .find_every = 0.04f,

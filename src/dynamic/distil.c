@@ -64,8 +64,9 @@ static void less(float *f, const float *middle, int n) {
   for (int i = 0; i < n; i++) f[i] -= middle[i];
 }
 
-// The clip's Gaussians of one block at a time of its own, in motion.moved. Functions count from
-// their values at the middle time, as what is stored is where things are then.
+// The clip's Gaussians of one block at a time of its own, in motion.moved, those of bodies in the
+// body's frame, as a field deforms them. Functions count from their values at the middle time, as
+// what is stored is where things are then.
 static void clip_at(const job *j, int b, float time) {
   sv_dynamic *dyn = j->dyn;
   const sv_motion *mo = &dyn->deform.motion;
@@ -74,11 +75,7 @@ static void clip_at(const job *j, int b, float time) {
   less(f.rot, j->middle.rot, mo->cfg.n_rot);
   less(f.colour, j->middle.colour, mo->cfg.n_colour);
   sv_motion_args a = sv_motion_args_of(mo, &dyn->t->g, time, &f);
-  sv_rigid now[SV_CAP_BODIES];
   dyn->t->compute.k->motion(&a, b, b + 1);
-  if (mo->bodies.n < 2) return;
-  sv_bodies_at(&mo->bodies, time, now);
-  sv_motion_go_with_bodies(mo, now, 16 * b, sv_mini(16 * b + 16, mo->n_moving));
 }
 
 // Pixels per world unit at the scene's centre, in the view that sees it largest.
@@ -189,17 +186,18 @@ void sv_distil_step_field(sv_dynamic *dyn, float progress) {
 }
 
 void sv_distil_begin(sv_dynamic *dyn) {
-  const sv_motion *mo = &dyn->deform.motion;
+  sv_motion *mo = &dyn->deform.motion;
   sv_field *f = &dyn->deform.field;
   const size_t n = (size_t)((mo->n_moving + 15) / 16) * 16 * (size_t)dyn->t->g.n_rows;
   memcpy(dyn->distilled.param, dyn->t->g.param,
          (size_t)dyn->t->g.cap * (size_t)dyn->t->g.n_rows * sizeof *dyn->t->g.param);
-  sv_train_set_time(dyn->t, dyn->t->reference_time);
+  sv_motion_local_at(mo, &dyn->t->compute, &dyn->t->g, dyn->t->reference_time);
   memcpy(dyn->t->g.param, mo->moved, n * sizeof *dyn->t->g.param);
   memset(dyn->t->m, 0, n * sizeof *dyn->t->m); // of places that were others
   sv_gaussians moving = dyn->t->g;
   if (mo->n_moving > 0) moving.n = mo->n_moving; // the box is theirs
   sv_field_reset(f, &moving, dyn->t->cfg.seed);
+  sv_bodies_copy(&f->bodies, &mo->bodies, mo->n_moving, f->cap);
   f->n_moving = mo->n_moving;
   dyn->deform.kind = SV_DEFORM_FIELD;
   dyn->field_step = 0;

@@ -4,6 +4,8 @@
 // times and between them. Images constrain only their own times: a share of the later steps
 // therefore trains on a rendering of the per-Gaussian model at a time between two images.
 // The stored Gaussians, from which a field's offsets count, are those of the clip's middle time.
+// Rigid bodies carry their members as before, along the poses that the clip found: the field has no
+// room for fast motion of neighbors that go different ways.
 #ifndef SV_DYNAMIC_DISTIL_H
 #define SV_DYNAMIC_DISTIL_H
 

@@ -39,6 +39,7 @@ static sv_status carve(sv_dynamic *dyn, const sv_dynamic_cfg *c, const sv_train_
     sv_field_cfg fc = c->field;
     fc.has_grad = true;
     fc.n_threads = t->n_threads;
+    fc.cap_knots = mc.cap_knots;
     sv_status s = sv_field_init(&dyn->deform.field, &fc, g, a);
     if (s < 0 || !sv_dynamic_has_clip(c)) return s;
     dyn->deform.kind = SV_DEFORM_CLIP;
@@ -92,6 +93,9 @@ static void copy(void *self, int to, int from) {
   sv_dynamic *dyn = self;
   const double w = (double)dyn->cfg.window_start;
   dyn->is_moving[to] = dyn->is_moving[from];
+  sv_field *f = &dyn->deform.field;
+  if (dyn->deform.kind == SV_DEFORM_FIELD && f->bodies.n > 1 && to < f->n_moving)
+    f->bodies.of[to] = from < f->n_moving ? f->bodies.of[from] : 0;
   if (dyn->deform.kind != SV_DEFORM_CLIP) return;
   sv_motion_copy(&dyn->deform.motion, to, from);
   if (!dyn->is_moving[to] || dyn->cfg.kind != SV_DEFORM_CLIP) return;
@@ -112,10 +116,7 @@ static uint64_t fnv1a(uint64_t h, const float *v, size_t n) {
   return h;
 }
 
-uint64_t sv_dynamic_digest(const sv_deform *d, uint64_t h) {
-  if (d->kind == SV_DEFORM_FIELD) return fnv1a(h, d->field.param, d->field.n_param);
-  const sv_bodies *b = &d->motion.bodies;
-  h = fnv1a(h, d->motion.param, (size_t)(d->motion.n_moving + 15) / 16 * 16 * (size_t)d->motion.n_rows);
+static uint64_t digest_of_bodies(const sv_bodies *b, int n_moving, uint64_t h) {
   for (int body = 1; body < b->n; body++) {
     h = fnv1a(h, b->centre[body], 3);
     for (int i = 0; i < b->n_knots; i++) {
@@ -123,8 +124,16 @@ uint64_t sv_dynamic_digest(const sv_deform *d, uint64_t h) {
       h = fnv1a(fnv1a(h, m->q, 4), m->d, 3);
     }
   }
-  for (int i = 0; i < d->motion.n_moving && b->n > 1; i++) h = (h ^ b->of[i]) * 1099511628211ull;
+  for (int i = 0; i < n_moving && b->n > 1; i++) h = (h ^ b->of[i]) * 1099511628211ull;
   return h;
+}
+
+uint64_t sv_dynamic_digest(const sv_deform *d, uint64_t h) {
+  const sv_motion *mo = &d->motion;
+  if (d->kind == SV_DEFORM_FIELD)
+    return digest_of_bodies(&d->field.bodies, d->field.n_moving, fnv1a(h, d->field.param, d->field.n_param));
+  h = fnv1a(h, mo->param, (size_t)(mo->n_moving + 15) / 16 * 16 * (size_t)mo->n_rows);
+  return digest_of_bodies(&mo->bodies, mo->n_moving, h);
 }
 
 static uint64_t digest(const void *self, uint64_t h) {

@@ -27,7 +27,7 @@ typedef struct {
   // Progress at which Gaussians begin to move; one still model is trained before it. Default 0.1.
   float from;
   // With a field: progress at which per-Gaussian motion, trained until then, is distilled into the
-  // field (distil.h); with 0 the field begins at rest, as in the paper. Default 0.33.
+  // field (distil.h); with 0 the field begins at rest, as in the paper. Default 0.8.
   float distil_at;
   // Steps of the regression that fits the field to per-Gaussian motion, as a share of the expected
   // steps. Default 0.22.

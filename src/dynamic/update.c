@@ -60,8 +60,10 @@ void sv_dynamic_move_block(sv_dynamic *dyn, int block, uint32_t touched, float *
   const sv_adam_args *adam = &dyn->update.adam;
   int left = dyn->deform.motion.n_moving - 16 * block;
   if (left < 16) touched &= (1u << left) - 1; // the still ones of the last block stay still
-  if (dyn->deform.motion.bodies.n > 1)
-    sv_motion_bodies_bwd(&dyn->deform.motion, block, touched, grad, dyn->body_sum[block / SV_FIELD_TASK]);
+  const sv_motion *mo = &dyn->deform.motion;
+  if (mo->bodies.n > 1)
+    sv_bodies_carry_bwd(&mo->bodies, mo->moved, mo->n_gaussian_rows, block, touched, grad,
+                        dyn->body_sum[block / SV_FIELD_TASK]);
   dyn->t->compute.k->motion_bwd(a, block, touched, grad, scratch);
   size_t at = (size_t)block * (size_t)dyn->deform.motion.n_rows * 16;
   float *p = dyn->deform.motion.param + at;
@@ -92,14 +94,17 @@ void sv_dynamic_begin_update(sv_dynamic *dyn, float progress, const sv_adam_args
 
 void sv_dynamic_update_block(sv_dynamic *dyn, int block, int i_thread, uint32_t touched, float *grad,
                              float *scratch) {
-  if (dyn->deform.kind == SV_DEFORM_FIELD)
-    sv_field_bwd_block(&dyn->deform.field, dyn->t->compute.k, block, i_thread, touched, grad);
-  else if (touched) sv_dynamic_move_block(dyn, block, touched, grad, scratch);
+  sv_field *f = &dyn->deform.field;
+  if (dyn->deform.kind == SV_DEFORM_FIELD) {
+    sv_bodies_carry_bwd(&f->bodies, f->moved, f->n_gaussian_rows, block, touched, grad, NULL);
+    sv_field_bwd_block(f, dyn->t->compute.k, block, i_thread, touched, grad);
+  } else if (touched) sv_dynamic_move_block(dyn, block, touched, grad, scratch);
 }
 
 void sv_dynamic_pull_back(sv_dynamic *dyn, int block, uint32_t touched, float *grad) {
+  const sv_motion *mo = &dyn->deform.motion;
   if (dyn->deform.kind == SV_DEFORM_CLIP)
-    sv_motion_bodies_bwd(&dyn->deform.motion, block, touched, grad, NULL);
+    sv_bodies_carry_bwd(&mo->bodies, mo->moved, mo->n_gaussian_rows, block, touched, grad, NULL);
 }
 
 void sv_dynamic_finish_update(sv_dynamic *dyn, float progress) {

@@ -150,7 +150,8 @@ TEST(test_bodies) {
       assert_true(fabs(out[r] - (double)g.moved[sv_gaussians_at(&g, i, r) - g.param]) < 2e-5);
   }
   memcpy(grad, weight, sizeof grad);
-  for (int b = 0; b < CAP / 16; b++) sv_motion_bodies_bwd(&mo, b, 0xffff, &grad[b][0][0], sum);
+  for (int b = 0; b < CAP / 16; b++)
+    sv_bodies_carry_bwd(&mo.bodies, mo.moved, N_ROWS, b, 0xffff, &grad[b][0][0], sum);
   check_poses(sum);
   check_members(grad);
   for (int r = 7; r < N_ROWS; r++) assert_memory_equal(grad[1][r], weight[1][r], sizeof grad[1][r]);

@@ -269,7 +269,10 @@ static void resume(sv_deform_kind kind, float clip) {
   assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool},
                                  sv_arena_make(block, sizeof block)));
   train(&trainer, 0, 90);
-  if (dynamic.deform.kind == SV_DEFORM_CLIP) moving_scene_plant_body(&dynamic);
+  const sv_motion *mo = &dynamic.deform.motion;
+  if (sv_dynamic_has_clip(&dynamic.cfg)) moving_scene_plant_body(&dynamic);
+  if (dynamic.deform.kind == SV_DEFORM_FIELD && mo->bodies.n > 1)
+    sv_bodies_copy(&dynamic.deform.field.bodies, &mo->bodies, mo->n_moving, mo->cap);
   assert_int_equal(sv_checkpoint_write(&trainer, (sv_sink){&m, append}, &err), SV_OK);
   assert_true(m.n <= sv_checkpoint_bytes(&trainer));
   assert_true(moving_scene_start(&scene, &second, &second_dynamic, &c, (sv_compute){&kernels, &pool},
@@ -334,8 +337,7 @@ static void round_trip(sv_deform_kind kind) {
 }
 
 // A few of the moving Gaussians made two bodies by hand, at three knots.
-static void make_bodies(sv_motion *mo) {
-  sv_bodies *b = &mo->bodies;
+static void make_bodies(sv_bodies *b, int n_moving) {
   b->n = 3;
   for (int i = 0; i < 3; i++) assert_int_equal(sv_bodies_add_knot(b, 0.5f * (float)i), i);
   for (int body = 1; body < 3; body++)
@@ -343,7 +345,7 @@ static void make_bodies(sv_motion *mo) {
       b->centre[body][i] = 0.1f * (float)(body + i);
       *sv_bodies_knot(b, body, i) = (sv_rigid){{0.8f, 0, 0.6f, 0}, {0.1f * (float)i, 0, 0.2f * (float)body}};
     }
-  for (int i = 0; i < mo->n_moving; i++) b->of[i] = (uint8_t)(i % 3);
+  for (int i = 0; i < n_moving; i++) b->of[i] = (uint8_t)(i % 3);
 }
 
 static sv_status reread(sv_deform *d, size_t bytes, sv_err *err) {
@@ -363,23 +365,24 @@ static void check_refused(const sv_deform *d, const char *sentence) {
 }
 
 // What has bodies is of a later version; what has none is as it was. What no bodies are is refused.
-TEST(test_bodies_file) {
+static void check_bodies_file(sv_deform_kind kind) {
   enum { AT_VERSION = 12 };
-  moving_scene_settings c = moving_scene_cfg(SV_DEFORM_CLIP, N_GAUSS, N_STEPS);
+  moving_scene_settings c = moving_scene_cfg(kind, N_GAUSS, N_STEPS);
   mem_sink m = {0}, without = {0};
   sv_deform d, *of = &dynamic.deform;
-  sv_bodies *b = &of->motion.bodies;
   sv_err err;
   assert_true(moving_scene_start(&scene, &trainer, &dynamic, &c, (sv_compute){&kernels, &pool},
                                  sv_arena_make(block, sizeof block)));
   train(&trainer, 0, N_STEPS);
-  assert_true(of->motion.n_moving > 3);
-  sv_bodies_reset(b, of->motion.cap);
+  assert_int_equal(of->kind, kind);
+  assert_true(sv_deform_n_moving(of) > 3);
+  sv_bodies *b = sv_deform_bodies(of);
+  sv_bodies_reset(b, trainer.g.cap);
   assert_int_equal(sv_deform_write(of, &trainer.g, (sv_sink){&without, append}, &err), SV_OK);
   assert_int_equal(file[AT_VERSION], 1);
   assert_int_equal(reread(&d, without.n, &err), SV_OK);
-  assert_true(d.motion.bodies.n < 2);
-  make_bodies(&of->motion);
+  assert_true(sv_deform_bodies(&d)->n < 2);
+  make_bodies(b, sv_deform_n_moving(of));
   assert_int_equal(sv_deform_write(of, &trainer.g, (sv_sink){&m, append}, &err), SV_OK);
   assert_int_equal(file[AT_VERSION], 2);
   assert_int_equal(reread(&d, m.n, &err), SV_OK);
@@ -400,11 +403,16 @@ TEST(test_bodies_file) {
   b->centre[1][2] = 1e30f;
   check_refused(of, "numbers that no bodies have");
   b->centre[1][2] = 0.3f;
-  of->motion.param[3] = NAN; // never gets into a file
+  *(kind == SV_DEFORM_FIELD ? of->field.param : of->motion.param) = NAN; // never gets into a file
   mem_sink none = {0};
   assert_error(sv_deform_write(of, &trainer.g, (sv_sink){&none, append}, &err), SV_E_RANGE, &err,
                "a value is not finite");
   assert_int_equal(none.n, 0);
+}
+
+TEST(test_bodies_file) {
+  check_bodies_file(SV_DEFORM_CLIP);
+  check_bodies_file(SV_DEFORM_FIELD);
 }
 
 TEST(test_motion_file) {

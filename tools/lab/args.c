@@ -216,8 +216,9 @@ static const sv_option table[] = {
      0, 0, 0},
     HEADING("Training"),
     {"steps", SV_OPT_INT, LAB_TRAIN, 0, AT(steps), "N",
-     "training steps [" SV_TEXT_OF(SV_DEFAULT_STEPS) ", with --motion field 9000; subview run: " SV_TEXT_OF(
-         SV_DEFAULT_RUN_STEPS) ", as somebody waits beside the cameras]",
+     "training steps [" SV_TEXT_OF(
+         SV_DEFAULT_STEPS) ", with --motion field 4000 (clip=0: 9000); subview "
+                           "run: " SV_TEXT_OF(SV_DEFAULT_RUN_STEPS) ", as somebody waits beside the cameras]",
      1, 1e9, 0},
     {"time-limit", SV_OPT_REAL, LAB_TRAIN, 0, AT(time_limit_s), "SEC", "training time instead of --steps",
      0.01, 1e7, 0},

@@ -24,9 +24,9 @@
 #define N_SAVES       6                    // tries to save the model
 #define FIRST_WAIT_NS (250 * SV_NS_PER_MS) // between the first two; then twice as long each
 
-// Thrice as many as others: a clip comes first, and a network learns more slowly than each Gaussian
-// for itself.
-#define FIELD_STEPS 9000
+// Of a field: distilled, the clip before it has 3,000 or so; at rest at first, it learns slowly.
+#define DISTILLED_STEPS 4000
+#define FIELD_STEPS     9000
 
 // One training run, from the options to what is saved.
 typedef struct {
@@ -65,7 +65,8 @@ static sv_train_cfg train_cfg(const lab_options *o, sv_dynamic_cfg *d) {
   *d = sv_dynamic_defaults();
   if (o->method && sv_str_eq(o->method, "4dgs")) lab_dynamic_cfg(o, 0, 0, d);
   c.has_motion = d->kind != SV_DEFORM_NONE;
-  if (d->kind == SV_DEFORM_FIELD) c.expected_steps = FIELD_STEPS;
+  const int field_steps = sv_dynamic_has_clip(d) ? DISTILLED_STEPS : FIELD_STEPS;
+  if (d->kind == SV_DEFORM_FIELD) c.expected_steps = field_steps;
   if (o->steps > 0) c.expected_steps = (int)o->steps;
   return c;
 }
@@ -229,10 +230,9 @@ static sv_status measure_points(run *r, sv_err *err) {
   r->is_stereo = false;
   start->n_points = 0;
   if (r->o->init || sv_driver_n_views(&r->plan.trainer) > 1)
-    lab_say(
-        &r->session,
-        "no depth maps of these views (too little overlap or parallax, or poses that are off): starting from "
-        "random points; views far from the cameras may show little of the scene");
+    lab_say(&r->session,
+            "no depth maps of these views (too little overlap or parallax, or poses that are off): "
+            "the start is random, and views far from the cameras may show little of the scene");
   return SV_OK;
 }
 
