@@ -74,7 +74,7 @@ typedef struct {
   float *scratch;    // [n_threads][..]
   size_t n_scratch;
   float lo[3], inv[3]; // box: c = (x - lo) inv
-  sv_bodies bodies;    // at rest when they are not those of a distilled motion
+  sv_bodies bodies;    // those of the motion that was distilled
 } sv_field;
 
 // E_ARG: a size is out of range; err names it.
