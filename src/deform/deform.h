@@ -24,8 +24,10 @@ typedef struct {
 static inline int sv_deform_n_moving(const sv_deform *d) {
   return d->kind == SV_DEFORM_FIELD ? d->field.n_moving : d->motion.n_moving;
 }
-static inline sv_bodies *sv_deform_bodies(sv_deform *d) {
-  return d->kind == SV_DEFORM_FIELD ? &d->field.bodies : &d->motion.bodies;
+// As constant as what d is of.
+static inline sv_bodies *sv_deform_bodies(const sv_deform *d) {
+  const sv_bodies *b = d->kind == SV_DEFORM_FIELD ? &d->field.bodies : &d->motion.bodies;
+  return (sv_bodies *)(uintptr_t)b;
 }
 static inline void sv_deform_set_moving(sv_deform *d, int n) { d->field.n_moving = d->motion.n_moving = n; }
 

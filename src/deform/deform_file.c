@@ -69,18 +69,14 @@ static const void *rows_of(const sv_deform *d, size_t *bytes) {
   return d->motion.param;
 }
 
-static const sv_bodies *bodies_of(const sv_deform *d) {
-  return d->kind == SV_DEFORM_FIELD ? &d->field.bodies : &d->motion.bodies;
-}
-
-static bool has_bodies(const sv_deform *d) { return bodies_of(d)->n > 1; }
+static bool has_bodies(const sv_deform *d) { return sv_deform_bodies(d)->n > 1; }
 
 static size_t bodies_head_bytes(int n_bodies) {
   return offsetof(bodies_head, centre) + (size_t)n_bodies * 3 * sizeof(float);
 }
 
 static sv_status write_bodies(const sv_deform *d, sv_sections_writer *w, sv_err *err) {
-  const sv_bodies *b = bodies_of(d);
+  const sv_bodies *b = sv_deform_bodies(d);
   bodies_head h = {.n_bodies = b->n, .n_knots = b->n_knots};
   memcpy(h.centre, b->centre, (size_t)b->n * sizeof *h.centre);
   const size_t row = (size_t)b->n_knots * sizeof(sv_rigid);
