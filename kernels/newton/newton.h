@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Diagonal Gauss-Newton on blocks of 16 Gaussians: the probe that estimates diag(J^T W J), its
-// running mean, and the damped step.
+// Gauss-Newton on blocks of 16 Gaussians: the probe that estimates J^T W J, its running mean, and
+// the damped step. The three coordinates of a mean are coupled, all other parameters are not: few
+// views pin a mean down across their rays and hardly along them, which no diagonal can say.
 //
 // For a plane s of independent random signs, E[(J^T W^(1/2) s)_i^2] = (J^T W J)_ii (Hutchinson
 // 1990; Bekas, Kokiopoulou and Saad 2007, "An estimator for the diagonal of a matrix"): a backward
 // pass with s in the place of the loss's gradient, and a square, estimate the whole diagonal
-// without a bias.
+// without a bias; products of two coordinates in the place of the square, what couples them.
 #ifndef SV_KERNELS_NEWTON_H
 #define SV_KERNELS_NEWTON_H
 
@@ -39,31 +40,42 @@ static inline uint32_t sv_probe_bits(uint32_t i_col, uint32_t row, uint32_t key)
 // exact.
 typedef void sv_probe_fn(const sv_probe_args *a);
 
-// diag, and m below, are kept as the upper halves of floats (bfloat16), rounded to the nearest:
-// means of 0.9 a step change by more than that loses. diag [n_rows][16], updated in the lanes of
-// touched with a new estimate s, the squares of x [n_rows][16], or x >= 0 itself where it
-// is_square: diag = keep diag + (1 - keep) s, and where it was 0 (none yet) diag = s. exact.
-typedef void sv_curvature_fn(float keep, int n_rows, uint32_t touched, const float *x, int is_square,
-                             uint16_t *diag);
+// diag, cross, and m below, are kept as the upper halves of floats (bfloat16), rounded to the
+// nearest: means of 0.9 a step change by more than that loses.
+typedef struct {
+  uint16_t *diag;  // [n_rows][16]
+  uint16_t *cross; // [3][16] of a mean's coordinates: x y, x z, y z
+} sv_curvatures;
+
+// Updated in the lanes of touched with a new estimate s: c = keep c + (1 - keep) s, and where there
+// is none yet (diag is 0; of cross, diag of x) c = s. s: squares and products of x [n_rows][16]; or
+// with products [3][16], x >= 0 and these themselves. exact.
+typedef void sv_curvature_fn(float keep, int n_rows, uint32_t touched, const float *x, const float *products,
+                             const sv_curvatures *c);
 
 typedef struct {
   float beta1;
   float rate;
-  // [n_rows] times a row's mean of diag over the block is added to diag
+  // [n_rows] times a row's mean of diag over the block is added to diag; of a mean's rows the first,
+  // times the mean of the three
   const float *damping;
   float cap_mean;   // longest step of a mean, > 0: times the geometric mean of the Gaussian's axes
-  const float *cap; // [n_rows] longest step of the other rows, > 0
+  const float *cap; // [n_rows] longest steps of the other rows, > 0
   int n_rows;       // of kernels/project/project.h, at least 10
 } sv_newton_args;
 
 #define SV_NEWTON_LOG2E_3 0.480898347f // log2(e) / 3: of the mean of three logarithms
 
-// p, m: [n_rows][16] of the block, updated; grad, diag [n_rows][16]. Lanes whose bit in touched is
-// 0 keep p and m; parameters without an estimate (diag 0) stay where they are.
+// Pivots of the mean's matrix, scaled to a diagonal of 1, are at least this: bfloat16 leaves no more.
+#define SV_NEWTON_PIVOT_MIN (1.0f / 64.0f)
+
+// p, m: [n_rows][16] of the block, updated; grad [n_rows][16]. Lanes whose bit in touched is 0 keep
+// p and m; parameters without an estimate (diag 0) stay where they are.
 //   m = b1 m + (1-b1) g;  p -= clamp(rate m / (diag + damping mean(diag)), -cap, cap). exact.
-// Of a mean the cap grows with its Gaussian: a longer move is not linear in the picture.
-typedef void sv_newton_fn(const sv_newton_args *a, uint32_t touched, const float *grad, const uint16_t *diag,
-                          float *p, uint16_t *m);
+// Of a mean: p -= rate (H + ridge I)^-1 m, H from diag and cross, shortened to the cap, which grows
+// with its Gaussian: a longer move is not linear in the picture.
+typedef void sv_newton_fn(const sv_newton_args *a, uint32_t touched, const float *grad,
+                          const sv_curvatures *c, float *p, uint16_t *m);
 
 #ifdef __cplusplus
 }

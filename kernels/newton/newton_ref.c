@@ -18,33 +18,104 @@ void sv_probe_ref(const sv_probe_args *a) {
   }
 }
 
-void sv_curvature_ref(float keep, int n_rows, uint32_t touched, const float *x, int is_square,
-                      uint16_t *diag) {
-  for (int i = 0; i < 16 * n_rows; i++) {
-    if (!(touched >> (i & 15) & 1)) continue;
-    const float s = is_square ? x[i] : x[i] * x[i], d = s1_from_high(diag[i]);
-    diag[i] = s1_high(d > 0.0f ? fmaf(keep, d, (1.0f - keep) * s) : s);
+static void curvature_row(float keep, uint32_t touched, const float *s, const float *before, uint16_t *c) {
+  for (int k = 0; k < 16; k++)
+    if (touched >> k & 1)
+      c[k] = s1_high(before[k] > 0.0f ? fmaf(keep, s1_from_high(c[k]), (1.0f - keep) * s[k]) : s[k]);
+}
+
+void sv_curvature_ref(float keep, int n_rows, uint32_t touched, const float *x, const float *products,
+                      const sv_curvatures *c) {
+  static const int first[3] = {0, 0, 1}, second[3] = {1, 2, 2};
+  float s[16], before[16];
+  for (int k = 0; k < 16; k++) before[k] = s1_from_high(c->diag[k]);
+  for (int i = 0; i < 3; i++) {
+    for (int k = 0; k < 16; k++)
+      s[k] = products ? products[16 * i + k] : x[16 * first[i] + k] * x[16 * second[i] + k];
+    curvature_row(keep, touched, s, before, c->cross + 16 * i);
+  }
+  for (int row = 0; row < n_rows; row++) {
+    for (int k = 0; k < 16; k++) {
+      s[k] = products ? x[16 * row + k] : x[16 * row + k] * x[16 * row + k];
+      before[k] = s1_from_high(c->diag[16 * row + k]);
+    }
+    curvature_row(keep, touched, s, before, c->diag + 16 * row);
   }
 }
 
-void sv_newton_ref(const sv_newton_args *a, uint32_t touched, const float *grad, const uint16_t *diag,
+// The mean of a row of diag over the block.
+static float block_mean(const uint16_t *diag) {
+  float lanes[16];
+  for (int k = 0; k < 16; k++) lanes[k] = s1_from_high(diag[k]);
+  return s1_sum16(lanes) * (1.0f / 16.0f);
+}
+
+// (H + ridge I)^-1 g by the factors of L D L^T, after scaling to a diagonal of 1. h: xx, yy, zz,
+// xy, xz, yz; s: g, then the result.
+static void solve3(const float h[6], float ridge, float s[3]) {
+  float scale[3], y[3];
+  for (int i = 0; i < 3; i++) {
+    scale[i] = 1.0f / sqrtf(h[i] + ridge);
+    y[i] = s[i] * scale[i];
+  }
+  const float xy = h[3] * (scale[0] * scale[1]), xz = h[4] * (scale[0] * scale[2]),
+              yz = h[5] * (scale[1] * scale[2]);
+  const float d1 = s1_max(fmaf(-xy, xy, 1.0f), SV_NEWTON_PIVOT_MIN), l21 = fmaf(-xz, xy, yz) / d1;
+  const float d2 = s1_max(fmaf(-(l21 * d1), l21, fmaf(-xz, xz, 1.0f)), SV_NEWTON_PIVOT_MIN);
+  y[1] = fmaf(-xy, y[0], y[1]);
+  y[2] = fmaf(-l21, y[1], fmaf(-xz, y[0], y[2]));
+  y[2] = y[2] / d2;
+  y[1] = fmaf(-l21, y[2], y[1] / d1);
+  y[0] = fmaf(-xy, y[1], fmaf(-xz, y[2], y[0]));
+  for (int i = 0; i < 3; i++) s[i] = y[i] * scale[i];
+}
+
+// The running mean of a row's gradients with this step's: mean [16], and m.
+static void follow(const sv_newton_args *a, uint32_t touched, const float *grad, float mean[16],
+                   uint16_t *m) {
+  for (int k = 0; k < 16; k++) {
+    mean[k] = fmaf(a->beta1, s1_from_high(m[k]), (1.0f - a->beta1) * grad[k]);
+    if (touched >> k & 1) m[k] = s1_high(mean[k]);
+  }
+}
+
+// size [16]: the longest steps.
+static void move_means(const sv_newton_args *a, uint32_t touched, const float *grad, const sv_curvatures *c,
+                       const float *size, float *p, uint16_t *m) {
+  const float sum = (block_mean(c->diag) + block_mean(c->diag + 16)) + block_mean(c->diag + 32);
+  const float ridge = a->damping[0] * (sum * (1.0f / 3.0f));
+  float mean[3][16];
+  for (int i = 0; i < 3; i++) follow(a, touched, grad + 16 * i, mean[i], m + 16 * i);
+  for (int k = 0; k < 16; k++) {
+    float h[6], s[3];
+    for (int i = 0; i < 3; i++) {
+      h[i] = s1_from_high(c->diag[16 * i + k]);
+      h[3 + i] = s1_from_high(c->cross[16 * i + k]);
+      s[i] = a->rate * mean[i][k];
+    }
+    if (!(touched >> k & 1) || !(s1_min(h[0], s1_min(h[1], h[2])) > 0.0f)) continue;
+    solve3(h, ridge, s);
+    const float length = sqrtf(fmaf(s[0], s[0], fmaf(s[1], s[1], s[2] * s[2])));
+    const float shorter = s1_min(size[k] / s1_max(length, 1e-30f), 1.0f);
+    for (int i = 0; i < 3; i++) p[16 * i + k] = fmaf(-shorter, s[i], p[16 * i + k]);
+  }
+}
+
+void sv_newton_ref(const sv_newton_args *a, uint32_t touched, const float *grad, const sv_curvatures *c,
                    float *p, uint16_t *m) {
-  float c1 = 1.0f - a->beta1, size[16];
+  float size[16], mean[16];
   const float *s = p + 16 * SV_ROW_SCALE;
   for (int k = 0; k < 16; k++)
     size[k] = a->cap_mean * s1_exp2_fine((s[k] + s[16 + k] + s[32 + k]) * SV_NEWTON_LOG2E_3);
-  for (int row = 0; row < a->n_rows; row++) {
-    float d[16], lanes[16];
-    for (int k = 0; k < 16; k++) d[k] = lanes[k] = s1_from_high(diag[16 * row + k]);
-    float ridge = a->damping[row] * (s1_sum16(lanes) * (1.0f / 16.0f));
+  move_means(a, touched, grad, c, size, p, m);
+  for (int row = SV_ROW_QUAT; row < a->n_rows; row++) {
+    const float ridge = a->damping[row] * block_mean(c->diag + 16 * row), cap = a->cap[row];
+    follow(a, touched, grad + 16 * row, mean, m + 16 * row);
     for (int k = 0; k < 16; k++) {
-      int i = 16 * row + k;
-      if (!(touched >> k & 1)) continue;
-      float mean = fmaf(a->beta1, s1_from_high(m[i]), c1 * grad[i]);
-      m[i] = s1_high(mean);
-      if (!(d[k] > 0.0f)) continue;
-      float step = a->rate * mean / (d[k] + ridge), cap = row < SV_ROW_QUAT ? size[k] : a->cap[row];
-      p[i] -= s1_max(s1_min(step, cap), -cap);
+      const float d = s1_from_high(c->diag[16 * row + k]);
+      if (!(touched >> k & 1) || !(d > 0.0f)) continue;
+      const float step = a->rate * mean[k] / (d + ridge);
+      p[16 * row + k] -= s1_max(s1_min(step, cap), -cap);
     }
   }
 }

@@ -63,6 +63,8 @@ static void swap_slots(sv_dynamic *dyn, int i, int j) {
     swap_h(dyn->t->m + a + 16 * r, dyn->t->m + b + 16 * r);
     swap_h(dyn->t->v + a + 16 * r, dyn->t->v + b + 16 * r);
   }
+  for (int k = 0; k < 3 && dyn->t->cross; k++)
+    swap_h(sv_train_cross_at(dyn->t, i) + 16 * k, sv_train_cross_at(dyn->t, j) + 16 * k);
   swap_f(dyn->t->err + i, dyn->t->err + j);
   if (dyn->t->floor) swap_f(dyn->t->floor + i, dyn->t->floor + j);
   if (dyn->deform.kind == SV_DEFORM_CLIP) sv_motion_swap(&dyn->deform.motion, i, j);

@@ -12,7 +12,7 @@ extern "C" {
 #endif
 
 #define SV_CHECKPOINT_KIND    "TRNR"
-#define SV_CHECKPOINT_VERSION 7
+#define SV_CHECKPOINT_VERSION 8
 
 // The most that a checkpoint of the trainer's configuration takes: with all the views that it has
 // room for.

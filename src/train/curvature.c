@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Diagonal Gauss-Newton: the estimate of the loss's curvature. The photometric loss is a mean of
+// Gauss-Newton: the estimate of the loss's curvature. The photometric loss is a mean of
 // |r| over n values, and its curvature is that of weighted squares r^2 / (2 w), w = |r|
 // (iteratively reweighted least squares). With the picture's mean for w the Gauss-Newton matrix is
 // J^T J / (n w). Every few steps one more backward pass, with random signs of size 1 / sqrt(n w) in
-// the place of the gradient, estimates its diagonal by squares (kernels/newton/newton.h). SSIM's
+// the place of the gradient, estimates its diagonal by squares, and by products what couples the coordinates of each mean
+// (kernels/newton/newton.h). SSIM's
 // share of the loss is taken to have the curvature of the rest; smoothing of views, captured or
 // novel, and regularizers do not count. The running mean stands where Adam has its second moment.
 #include "src/train/curvature.h"
@@ -83,6 +84,13 @@ static uint32_t gradients_of(const job *j, int b, int i_thread, float *grad) {
   return touched;
 }
 
+// Running means of a block with a new estimate, as in kernels/newton/newton.h.
+static void follow(const job *j, int b, uint32_t touched, const float *x, const float *products) {
+  const sv_trainer *t = j->t;
+  const sv_curvatures c = {t->v + (size_t)b * (size_t)t->g.n_rows * 16, sv_train_cross_at(t, 16 * b)};
+  t->compute.k->curvature(t->cfg.newton.keep, j->n_rows, touched, x, products, &c);
+}
+
 static void single_task(void *arg, int i_task, int i_thread) {
   const job *j = arg;
   const sv_trainer *t = j->t;
@@ -90,9 +98,7 @@ static void single_task(void *arg, int i_task, int i_thread) {
   int b1 = sv_mini((i_task + 1) * BLOCKS_PER_TASK, j->n_blocks);
   for (int b = i_task * BLOCKS_PER_TASK; b < b1; b++) {
     uint32_t touched = gradients_of(j, b, i_thread, grad);
-    if (touched)
-      t->compute.k->curvature(t->cfg.newton.keep, j->n_rows, touched, grad, 0,
-                              t->v + (size_t)b * (size_t)t->g.n_rows * 16);
+    if (touched) follow(j, b, touched, grad, NULL);
   }
 }
 
@@ -118,8 +124,11 @@ sv_status sv_train_curvature(sv_trainer *t, const sv_train_residual *r, sv_plane
 // --- several pictures ----------------------------------------------------------------------------
 
 static float *sum_of(const sv_trainer *t, int b) {
-  return t->sum + (size_t)b * (size_t)(t->g.n_rows + 1) * 16;
+  return t->sum + (size_t)b * (size_t)(t->g.n_rows + SV_TRAIN_SUM_MORE) * 16;
 }
+
+// The last three rows.
+static float *products_of(const sv_trainer *t, float *sum) { return sum + 16 * (t->g.n_rows + 1); }
 
 static void collect_task(void *arg, int i_task, int i_thread) {
   const job *j = arg;
@@ -130,6 +139,12 @@ static void collect_task(void *arg, int i_task, int i_thread) {
     uint32_t touched = gradients_of(j, b, i_thread, grad);
     float *sum = sum_of(t, b);
     for (int i = 0; i < 16 * j->n_rows && touched; i++) sum[i] += grad[i] * grad[i];
+    float *products = products_of(t, sum);
+    for (int k = 0; k < 16 && touched; k++) {
+      products[k] += grad[k] * grad[16 + k];
+      products[16 + k] += grad[k] * grad[32 + k];
+      products[32 + k] += grad[16 + k] * grad[32 + k];
+    }
     t->sum_touched[2 * b] |= touched;
   }
 }
@@ -143,9 +158,9 @@ static void apply_task(void *arg, int i_task, int i_thread) {
     uint32_t *touched = t->sum_touched + 2 * b;
     float *sum = sum_of(t, b);
     if (!touched[0]) continue;
-    t->compute.k->curvature(t->cfg.newton.keep, j->n_rows, touched[0], sum, 1,
-                            t->v + (size_t)b * (size_t)t->g.n_rows * 16);
+    follow(j, b, touched[0], sum, products_of(t, sum));
     memset(sum, 0, (size_t)j->n_rows * 16 * sizeof *sum);
+    memset(products_of(t, sum), 0, 3 * 16 * sizeof *sum);
     touched[0] = 0;
   }
 }

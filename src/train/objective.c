@@ -96,7 +96,7 @@ static void set_novel(sv_train_cfg *cfg, const sv_sampling *s, bool is_grid) {
 
 // Their Gaussians move by smaller shares of their size, so that less damping is needed, but not of
 // scales and opacities: with less, photographs are worse (docs/notes/quality.md).
-#define MANY_CAP_MEAN 0.02f
+#define MANY_CAP_MEAN 0.03f
 #define MANY_DAMPING  0.3f
 
 // Of many exposures, large pictures at half their size still show most of what there is to learn,

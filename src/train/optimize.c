@@ -103,7 +103,9 @@ static sv_newton_args newton_args(job *j, float mean_lr, float progress) {
   fill_rates(j, mean_lr, settling * c->cap, 1.0f);
   for (int i = SV_ROW_SCALE; i < SV_ROW_LOGIT; i++) j->lr[i] = settling * c->cap_scale * j->t->cfg.lr.scale;
   for (int i = 0; i < SV_CAP_ROWS; i++)
-    j->damping[i] = i >= SV_ROW_SCALE && i < SV_ROW_SH ? c->damping_size : c->damping;
+    j->damping[i] = i < SV_ROW_QUAT                      ? c->damping_mean
+                    : i >= SV_ROW_SCALE && i < SV_ROW_SH ? c->damping_size
+                                                         : c->damping;
   return (sv_newton_args){.beta1 = keep_gradient(&j->t->cfg),
                           .rate = settling * newton_rate(&j->t->cfg, progress),
                           .damping = j->damping,
@@ -235,7 +237,9 @@ static void move(const job *j, int b, const block_grads *from, noise_batch *w) {
   }
   if (t->cfg.optimizer == SV_OPTIMIZER_ADAM)
     t->compute.k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
-  else t->compute.k->newton(&j->newton, touched, grad, t->v + at, p, t->m + at);
+  else
+    t->compute.k->newton(&j->newton, touched, grad, &(sv_curvatures){t->v + at, sv_train_cross_at(t, 16 * b)},
+                         p, t->m + at);
   scale_steps(j, &far, old, p);
   const uint32_t below =
       t->compute.k->blend_errors(j->is_error_due ? from->has_err : 0, ERR_KEEP, from->err,
@@ -286,7 +290,7 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
 // --- several pictures ----------------------------------------------------------------------------
 
 static float *sum_of(const sv_trainer *t, int b) {
-  return t->sum + (size_t)b * (size_t)(t->g.n_rows + 1) * 16;
+  return t->sum + (size_t)b * (size_t)(t->g.n_rows + SV_TRAIN_SUM_MORE) * 16;
 }
 
 static void collect_task(void *arg, int i_task, int i_thread) {
@@ -326,7 +330,7 @@ static void apply_task(void *arg, int i_task, int i_thread) {
     float *sum = sum_of(t, b);
     move(j, b, &(block_grads){sum, sum + 16 * t->g.n_rows, touched[0], touched[1]}, &w);
     n += (uint32_t)__builtin_popcount(touched[0]);
-    memset(sum, 0, (size_t)(t->g.n_rows + 1) * 16 * sizeof *sum);
+    memset(sum, 0, (size_t)(t->g.n_rows + SV_TRAIN_SUM_MORE) * 16 * sizeof *sum);
     touched[0] = touched[1] = 0;
   }
   add_position_noise(j, &w);

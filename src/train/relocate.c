@@ -46,6 +46,7 @@ static void clear_moments(sv_trainer *t, int i) {
 static void copy_curvature(sv_trainer *t, int to, int from) {
   long a = sv_gaussians_at(&t->g, to, 0) - t->g.param, b = sv_gaussians_at(&t->g, from, 0) - t->g.param;
   for (int row = 0; row < t->g.n_rows; row++) t->v[a + 16 * row] = t->v[b + 16 * row];
+  for (int k = 0; k < 3; k++) sv_train_cross_at(t, to)[16 * k] = sv_train_cross_at(t, from)[16 * k];
 }
 
 static void copy_slot(sv_trainer *t, int to, int from) {

@@ -50,8 +50,9 @@ sv_train_cfg sv_train_defaults(void) {
                  .rate_start = 0.1f,
                  .rate_end = 0.02f,
                  .damping = 1.0f,
+                 .damping_mean = 0.03f,
                  .damping_size = 1.0f,
-                 .cap_mean = 0.04f,
+                 .cap_mean = 0.06f,
                  .cap_scale = 2.5f,
                  .cap = 5.0f},
       .start_scale = 4,
@@ -89,7 +90,7 @@ static bool has_sum(const sv_train_cfg *c) {
 static sv_status carve_sum(sv_trainer *t, const sv_train_cfg *c, size_t cap, size_t px, sv_arena *a) {
   if (!has_sum(c)) return SV_OK;
   sv_arena_part_begin(a, "several pictures a step");
-  t->sum = SV_TAKE(a, float, cap *(size_t)(t->g.n_rows + 1));
+  t->sum = SV_TAKE(a, float, cap *(size_t)(t->g.n_rows + SV_TRAIN_SUM_MORE));
   t->sum_touched = SV_TAKE(a, uint32_t, cap / 8);
   for (int k = 0; k < 3; k++) t->part_grad.c[k] = SV_TAKE(a, float, px);
   t->part_err = SV_TAKE(a, float, px);
@@ -108,6 +109,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   sv_arena_part_begin(a, "optimizer");
   t->m = SV_TAKE(a, uint16_t, cap * (size_t)t->g.n_rows);
   t->v = SV_TAKE(a, uint16_t, cap * (size_t)t->g.n_rows);
+  t->cross = c->optimizer == SV_OPTIMIZER_GAUSS_NEWTON ? SV_TAKE(a, uint16_t, 3 * cap) : NULL;
   t->err = SV_TAKE(a, float, cap);
   t->block = SV_TAKE(a, float, (size_t)c->n_threads *SV_TRAIN_BLOCK_FLOATS);
   t->floor = c->min_scale_px > 0.0f ? SV_TAKE(a, float, cap) : NULL;
@@ -346,9 +348,10 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
   size_t n = (size_t)t->g.cap * (size_t)t->g.n_rows;
   memset(t->m, 0, n * sizeof *t->m);
   memset(t->v, 0, n * sizeof *t->v);
+  if (t->cross) memset(t->cross, 0, 3 * (size_t)t->g.cap * sizeof *t->cross);
   memset(t->err, 0, (size_t)t->g.cap * sizeof *t->err);
   if (t->sum) {
-    memset(t->sum, 0, (size_t)t->g.cap * (size_t)(t->g.n_rows + 1) * sizeof *t->sum);
+    memset(t->sum, 0, (size_t)t->g.cap * (size_t)(t->g.n_rows + SV_TRAIN_SUM_MORE) * sizeof *t->sum);
     memset(t->sum_touched, 0, (size_t)t->g.cap / 8 * sizeof *t->sum_touched);
   }
   sv_train_set_scene(t, init->centre, init->radius);

@@ -59,6 +59,8 @@ typedef struct {
   int32_t *copies, *source; // [cap]
 } sv_relocation;
 
+#define SV_TRAIN_SUM_MORE 4 // rows of sv_trainer.sum beside those of the parameters
+
 struct sv_trainer {
   sv_train_cfg cfg;
   sv_compute compute;
@@ -68,10 +70,14 @@ struct sv_trainer {
   // bfloat16, laid out as g.param: running means of the gradient, and of its squares (Adam) or the
   // curvature
   uint16_t *m, *v;
+  // [cap / 16][3][16] bfloat16: curvature that couples the coordinates of a mean
+  // (kernels/newton/newton.h); NULL with Adam
+  uint16_t *cross;
   float *err; // [cap] running mean of each Gaussian's blended error
   // [n_threads][SV_TRAIN_BLOCK_FLOATS] gradients of one block: Gaussians, error, motion
   float *block;
-  // [cap / 16][n_rows + 1][16] of a step with several images, last row: error. Or NULL
+  // [cap / 16][n_rows + SV_TRAIN_SUM_MORE][16] of a step with several images, then the error, then
+  // products of a mean's coordinates (curvature). Or NULL
   float *sum;
   uint32_t *sum_touched; // [cap / 16][2] lanes with a gradient, lanes with an error
   float *floor;          // [cap] minimum log-scales, NULL without min_scale_px
@@ -124,6 +130,11 @@ struct sv_trainer {
   int n_light;
   sv_rng rng;
 };
+
+// The first of a Gaussian's three values of `cross`; the others are 16 values apart each.
+static inline uint16_t *sv_train_cross_at(const sv_trainer *t, int i) {
+  return t->cross + (size_t)(i >> 4) * 48 + (i & 15);
+}
 
 size_t sv_trainer_bytes(const sv_train_cfg *cfg);
 // E_ARG and E_UNSUPPORTED name a bad setting in err. Kernels and pool must outlive the trainer.

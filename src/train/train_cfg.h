@@ -39,10 +39,11 @@ typedef enum { SV_OPTIMIZER_ADAM, SV_OPTIMIZER_GAUSS_NEWTON } sv_optimizer;
 const char *sv_optimizer_name(sv_optimizer o); // "adam", "gauss-newton"
 int sv_optimizer_by_name(const char *name);    // -1 when unknown
 
-// Diagonal Gauss-Newton (curvature.c): p -= rate m / (h + damping mean(h)), with m the running mean
-// of the gradient and h that of the Hutchinson estimates of the diagonal.
+// Gauss-Newton (curvature.c): p -= rate m / (h + damping mean(h)), with m the running mean of the
+// gradient and h that of the Hutchinson estimates of the curvature: of a mean a matrix of its three
+// coordinates, of all others the diagonal.
 typedef struct {
-  // Steps from one estimate of the diagonal to the next during the first first_steps steps.
+  // Steps from one estimate to the next during the first first_steps steps.
   // Defaults 5 and 300.
   int first_every, first_steps;
   int every;        // Steps between estimates from then on. Default 17.
@@ -52,12 +53,13 @@ typedef struct {
   // And at its end (log-linear between), times the square of the short-run boost, at most
   // rate_start. Default 0.02.
   float rate_end;
-  bool is_boosted; // Whether both rates are boosted in short runs, for few images, whose gradients
-                   // agree. Default false.
-  float damping;   // Weight of the mean diagonal over a block of 16 Gaussians. Default 1.
+  bool is_boosted;    // Whether both rates are boosted in short runs, for few images, whose gradients
+                      // agree. Default false.
+  float damping;      // Weight of the mean diagonal over a block of 16 Gaussians. Default 1.
+  float damping_mean; // The same, of means. Default 0.03.
   // The same, of log-scales and opacities: how much of a picture a Gaussian takes. Default 1.
   float damping_size;
-  // Longest step of a mean, a share of the geometric mean of the Gaussian's axes. Default 0.04.
+  // Longest step of a mean, a share of the geometric mean of the Gaussian's axes. Default 0.06.
   float cap_mean;
   float cap_scale; // Of log-scales, in steps of Adam. Default 2.5.
   float cap;       // The same, of all others. Default 5.

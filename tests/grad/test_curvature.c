@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The estimate of the Gauss-Newton diagonal: its mean over many probes against diag(J^T J) / (n w)
-// whose rows of J are gradients of single pixel values, of pictures with one sample a pixel and
+// The estimate of the Gauss-Newton matrix: its mean over many probes against J^T J / (n w), the
+// diagonal and what couples the coordinates of each mean, whose rows of J are gradients of single pixel values, of pictures with one sample a pixel and
 // with four, of all tiles and of half of them, and of a measurement through its forward model; then
 // how a step uses it.
 #include <math.h>
@@ -92,9 +92,10 @@ static void open_training(sv_train_cfg cfg, bool is_measurement) {
 
 // --- the exact diagonal --------------------------------------------------------------------------
 
-static double exact[N_GAUSSIANS][N_ROWS];
+static double exact[N_GAUSSIANS][N_ROWS], exact_cross[N_GAUSSIANS][3];
+static const int first[3] = {0, 0, 1}, second[3] = {1, 2, 2};
 
-// Adds the squares of the gradients that the renderer holds.
+// Adds the squares and products of the gradients that the renderer holds.
 static void add_squares(void) {
   float grad[SV_CAP_ROWS * 16], err[16];
   for (int b = 0; b < (N_GAUSSIANS + 15) / 16; b++) {
@@ -102,6 +103,9 @@ static void add_squares(void) {
     for (int r = 0; r < N_ROWS; r++)
       for (int k = 0; k < 16 && 16 * b + k < N_GAUSSIANS; k++)
         exact[16 * b + k][r] += (double)grad[16 * r + k] * (double)grad[16 * r + k];
+    for (int r = 0; r < 3; r++)
+      for (int k = 0; k < 16 && 16 * b + k < N_GAUSSIANS; k++)
+        exact_cross[16 * b + k][r] += (double)grad[16 * first[r] + k] * (double)grad[16 * second[r] + k];
   }
 }
 
@@ -133,6 +137,7 @@ static void add_all_pixels(const sv_crop *crop) {
 
 static void find_exact(double l1) {
   memset(exact, 0, sizeof exact);
+  memset(exact_cross, 0, sizeof exact_cross);
   if (!t.n_measurements) add_all_pixels(NULL); // the renderer holds the step's picture
   for (int m = 0; t.n_measurements && m < 2; m++) {
     sv_crop crop;
@@ -144,14 +149,20 @@ static void find_exact(double l1) {
   }
   for (int i = 0; i < N_GAUSSIANS; i++)
     for (int r = 0; r < N_ROWS; r++) exact[i][r] /= 3.0 * W * H * l1;
+  for (int i = 0; i < N_GAUSSIANS; i++)
+    for (int r = 0; r < 3; r++) exact_cross[i][r] /= 3.0 * W * H * l1;
 }
 
-static double estimate[N_GAUSSIANS][N_ROWS]; // the mean of many, each of which is kept as 16 bits
+// The means of many, each of which is kept as 16 bits.
+static double estimate[N_GAUSSIANS][N_ROWS], estimate_cross[N_GAUSSIANS][3];
 
 static void add_estimate(int n) {
   for (int i = 0; i < N_GAUSSIANS; i++)
     for (int r = 0; r < N_ROWS; r++)
       estimate[i][r] += (double)s1_from_high(t.v[sv_gaussians_at(&t.g, i, r) - t.g.param]) / n;
+  for (int i = 0; i < N_GAUSSIANS; i++)
+    for (int r = 0; r < 3; r++)
+      estimate_cross[i][r] += (double)s1_from_high(sv_train_cross_at(&t, i)[16 * r]) / n;
 }
 
 // A mean of n squares of about normal numbers scatters by sqrt(2 / n) = 3.7 % of itself. With twice
@@ -176,12 +187,36 @@ static void compare(const char *what) {
   assert_true(worst < 0.25);
 }
 
+// Products of two normal numbers scatter by no more than 1 / sqrt(n) to sqrt(2 / n) of the geometric
+// mean of their variances, whatever their correlation: so much is a deviation measured by.
+static void compare_cross(const char *what) {
+  double sum = 0, worst = 0, most = 0;
+  int n = 0;
+  for (int i = 0; i < N_GAUSSIANS; i++)
+    for (int r = 0; r < 3; r++) {
+      const double size = sqrt(exact[i][first[r]] * exact[i][second[r]]);
+      if (!(size > 0)) continue;
+      const double off = (estimate_cross[i][r] - exact_cross[i][r]) / size;
+      sum += off;
+      n++;
+      worst = fabs(off) > worst ? fabs(off) : worst;
+      most = fabs(exact_cross[i][r]) / size > most ? fabs(exact_cross[i][r]) / size : most;
+    }
+  print_message("%s: %d products, mean deviation %.4f, worst %.3f; correlations up to %.2f\n", what, n,
+                sum / n, worst, most);
+  assert_true(n > 3 * N_GAUSSIANS / 2);
+  assert_true(most > 0.5); // there is something to see
+  assert_true(fabs(sum / n) < 0.02);
+  assert_true(worst < 0.25);
+}
+
 // n estimates, of half of the tiles or of all.
 static void check_estimate(const char *what, sv_train_cfg cfg, bool is_measurement, bool is_half, int n) {
   sv_step_stats st;
   cfg.newton.half_from = is_half ? 0 : n;
   open_training(cfg, is_measurement);
   memset(estimate, 0, sizeof estimate);
+  memset(estimate_cross, 0, sizeof estimate_cross);
   t.cfg.newton.keep = 0.0f;
   for (int k = 0; k < n; k++) {
     assert_int_equal(sv_train_step(&t, 0.9f, &st), SV_OK);
@@ -189,6 +224,7 @@ static void check_estimate(const char *what, sv_train_cfg cfg, bool is_measureme
   }
   find_exact(st.l1);
   compare(what);
+  compare_cross(what);
 }
 
 TEST(test_picture) { check_estimate("picture", sv_train_defaults(), false, false, N_PROBES); }

@@ -69,43 +69,65 @@ CK_REGISTER(probe, check_probe_all, bench_probe)
 
 // --- the running mean ----------------------------------------
 
+// Curvature of n_rows rows; some parameters have none yet. A mean's coordinates are coupled by at
+// most 0.9, so that what rounding leaves of a pivot does not decide the step.
+static sv_curvatures make_curvatures(ck *c, int n_rows, int fill) {
+  const size_t n = 16 * (size_t)n_rows;
+  float *diag = ck_floats(c, n), *cross = ck_floats(c, 48);
+  ck_fill(c, diag, n, fill);
+  ck_fill(c, cross, 48, CK_SIGNED);
+  for (size_t i = 0; i < n; i++) diag[i] = i % 7 ? fabsf(diag[i]) : 0.0f;
+  for (size_t i = 0; i < 48; i++) {
+    const float *a = diag + (i < 32 ? 0 : 16) + i % 16, *b = diag + (i < 16 ? 16 : 32) + i % 16;
+    cross[i] = 0.9f * fmaxf(fminf(cross[i], 1.0f), -1.0f) * sqrtf(*a * *b);
+  }
+  return (sv_curvatures){ck_highs(c, diag, n), ck_highs(c, cross, 48)};
+}
+
+static sv_curvatures copy_curvatures(ck *c, const sv_curvatures *from, int n_rows) {
+  const size_t n = 16 * (size_t)n_rows;
+  return (sv_curvatures){ck_highs(c, ck_wide(c, from->diag, n), n),
+                         ck_highs(c, ck_wide(c, from->cross, 48), 48)};
+}
+
 typedef struct {
-  float *square;
-  uint16_t *diag;
+  float *x, *products; // products: NULL, or x are squares
+  sv_curvatures c;
   uint32_t touched;
   int n_rows;
 } curvature_job;
 
 static curvature_job make_curvature(ck *c, int n_rows, int fill, uint32_t touched) {
-  size_t n = 16 * (size_t)n_rows;
-  curvature_job j = {ck_floats(c, n), NULL, touched, n_rows};
-  float *diag = ck_floats(c, n);
-  ck_fill(c, j.square, n, fill);
-  ck_fill(c, diag, n, fill);
-  for (size_t i = 0; i < n; i++) {
-    j.square[i] = fabsf(j.square[i]);
-    diag[i] = i % 5 ? fabsf(diag[i]) : 0.0f;
+  const size_t n = 16 * (size_t)n_rows;
+  curvature_job j = {
+      .x = ck_floats(c, n), .c = make_curvatures(c, n_rows, fill), .touched = touched, .n_rows = n_rows};
+  ck_fill(c, j.x, n, fill);
+  if (n_rows % 2) {
+    j.products = ck_floats(c, 48);
+    ck_fill(c, j.products, 48, CK_SIGNED);
+    for (size_t i = 0; i < n; i++) j.x[i] = fabsf(j.x[i]);
   }
-  j.diag = ck_highs(c, diag, n);
   return j;
 }
 
 static void check_curvature_rows(ck *c, int n_rows, int fill, uint32_t touched) {
-  size_t n = 16 * (size_t)n_rows;
+  if (n_rows < SV_ROW_QUAT) return; // no means
+  const size_t n = 16 * (size_t)n_rows;
   curvature_job j = make_curvature(c, n_rows, fill, touched);
-  const float *before = ck_wide(c, j.diag, n);
-  uint16_t *a = ck_highs(c, before, n), *b = ck_highs(c, before, n);
-  c->ref.curvature(0.9f, j.n_rows, j.touched, j.square, n_rows % 2, a);
-  c->var.curvature(0.9f, j.n_rows, j.touched, j.square, n_rows % 2, b);
-  ck_same(c, "diag", ck_wide(c, a, n), ck_wide(c, b, n), n, CK_HIGH_TOL);
-  ck_untouched(c, touched, before, ck_wide(c, b, n), n);
+  const sv_curvatures a = copy_curvatures(c, &j.c, n_rows), b = copy_curvatures(c, &j.c, n_rows);
+  c->ref.curvature(0.9f, n_rows, touched, j.x, j.products, &a);
+  c->var.curvature(0.9f, n_rows, touched, j.x, j.products, &b);
+  ck_same(c, "diag", ck_wide(c, a.diag, n), ck_wide(c, b.diag, n), n, CK_HIGH_TOL);
+  ck_same(c, "cross", ck_wide(c, a.cross, 48), ck_wide(c, b.cross, 48), 48, CK_HIGH_TOL);
+  ck_untouched(c, touched, ck_wide(c, j.c.diag, n), ck_wide(c, b.diag, n), n);
+  ck_untouched(c, touched, ck_wide(c, j.c.cross, 48), ck_wide(c, b.cross, 48), 48);
 }
 
 static void check_curvature(ck *c) { ck_each_rows(c, check_curvature_rows); }
 
 static void run_curvature(void *arg, const sv_kernels *k) {
   curvature_job *j = arg;
-  k->curvature(0.9f, j->n_rows, j->touched, j->square, 0, j->diag);
+  k->curvature(0.9f, j->n_rows, j->touched, j->x, NULL, &j->c);
 }
 
 static void bench_curvature(ck *c) {
@@ -120,7 +142,8 @@ CK_REGISTER(curvature, check_curvature, bench_curvature)
 
 typedef struct {
   float *cap, *damping, *grad, *p;
-  uint16_t *diag, *m;
+  sv_curvatures c;
+  uint16_t *m;
   sv_newton_args args;
   uint32_t touched;
 } newton_job;
@@ -131,18 +154,16 @@ static newton_job make_newton(ck *c, int n_rows, int fill, uint32_t touched) {
                   .damping = ck_floats(c, (size_t)n_rows),
                   .grad = ck_floats(c, n),
                   .p = ck_floats(c, n),
+                  .c = make_curvatures(c, n_rows, fill),
                   .touched = touched};
-  float *diag = ck_floats(c, n), *m = ck_floats(c, n);
+  float *m = ck_floats(c, n);
   for (int i = 0; i < n_rows; i++) {
     j.cap[i] = 1e-2f * (float)(1 + i % 7);
     j.damping[i] = 0.3f * (float)(1 + i % 4);
   }
   ck_fill(c, j.grad, n, fill);
-  ck_fill(c, diag, n, fill);
   ck_fill(c, j.p, n, CK_SIGNED);
   ck_fill(c, m, n, fill);
-  for (size_t i = 0; i < n; i++) diag[i] = i % 7 ? fabsf(diag[i]) : 0.0f;
-  j.diag = ck_highs(c, diag, n);
   j.m = ck_highs(c, m, n);
   j.args = (sv_newton_args){
       .beta1 = 0.9f, .rate = 0.1f, .damping = j.damping, .cap_mean = 0.02f, .cap = j.cap, .n_rows = n_rows};
@@ -156,26 +177,66 @@ static void check_newton_rows(ck *c, int n_rows, int fill, uint32_t touched) {
   float *p = ck_copy(c, j.p, n), *q = ck_copy(c, j.p, n);
   const float *before = ck_wide(c, j.m, n);
   uint16_t *m = ck_highs(c, before, n);
-  c->ref.newton(&j.args, j.touched, j.grad, j.diag, p, m);
-  c->var.newton(&j.args, j.touched, j.grad, j.diag, q, j.m);
+  c->ref.newton(&j.args, j.touched, j.grad, &j.c, p, m);
+  c->var.newton(&j.args, j.touched, j.grad, &j.c, q, j.m);
   ck_same(c, "p", p, q, n, 1e-5);
   ck_same(c, "m", ck_wide(c, m, n), ck_wide(c, j.m, n), n, CK_HIGH_TOL);
   ck_untouched(c, touched, j.p, q, n);
   ck_untouched(c, touched, before, ck_wide(c, j.m, n), n);
-  for (size_t i = 0; i < n; i++) {
-    ck_true(c, j.diag[i] > 0 || q[i] == j.p[i], "lane %zu of row %zu moved", i % 16, i / 16);
-    const float *s = j.p + 16 * SV_ROW_SCALE + i % 16, size = expf((s[0] + s[16] + s[32]) / 3);
-    const float cap = i < 16 * SV_ROW_QUAT ? j.args.cap_mean * size : j.cap[i / 16];
-    ck_true(c, fabsf(q[i] - j.p[i]) <= 1.001f * cap + 1e-6f * fabsf(j.p[i]),
+  for (size_t i = 16 * SV_ROW_QUAT; i < n; i++) {
+    ck_true(c, j.c.diag[i] > 0 || q[i] == j.p[i], "lane %zu of row %zu moved", i % 16, i / 16);
+    ck_true(c, fabsf(q[i] - j.p[i]) <= 1.001f * j.cap[i / 16] + 1e-6f * fabsf(j.p[i]),
             "lane %zu of row %zu moved too far", i % 16, i / 16);
+  }
+  for (size_t k = 0; k < 16; k++) {
+    const float *s = j.p + 16 * SV_ROW_SCALE + k, x = q[k] - j.p[k], y = q[16 + k] - j.p[16 + k],
+                z = q[32 + k] - j.p[32 + k], cap = j.args.cap_mean * expf((s[0] + s[16] + s[32]) / 3);
+    const bool has_all = j.c.diag[k] > 0 && j.c.diag[16 + k] > 0 && j.c.diag[32 + k] > 0;
+    ck_true(c, has_all || x * x + y * y + z * z == 0, "the mean of lane %zu moved", k);
+    ck_true(c, sqrtf(x * x + y * y + z * z) <= 1.001f * cap + 1e-5f, "the mean of lane %zu moved too far", k);
   }
 }
 
-static void check_newton(ck *c) { ck_each_rows(c, check_newton_rows); }
+// Against the inverse by cofactors, in double precision: a step that no cap shortens.
+static void check_solve(ck *c) {
+  ck_begin(c, "the matrix of a mean");
+  newton_job j = make_newton(c, SV_ROW_LOGIT, CK_UNIT, 0xffff);
+  float *p = ck_copy(c, j.p, 16 * SV_ROW_LOGIT);
+  float *m = ck_wide(c, j.m, 16 * SV_ROW_LOGIT), *d = ck_wide(c, j.c.diag, 48),
+        *x = ck_wide(c, j.c.cross, 48);
+  double ridge = 0;
+  for (int i = 0; i < 48; i++) ridge += (double)j.damping[0] * (double)d[i] / 48;
+  j.args.cap_mean = 1e6f;
+  c->var.newton(&j.args, 0xffff, j.grad, &j.c, p, j.m);
+  for (int k = 0; k < 16; k++) {
+    if (!(d[k] > 0 && d[16 + k] > 0 && d[32 + k] > 0)) continue;
+    const double a = (double)d[k] + ridge, b = (double)d[16 + k] + ridge, e = (double)d[32 + k] + ridge;
+    const double xy = (double)x[k], xz = (double)x[16 + k], yz = (double)x[32 + k];
+    const double inverse[3][3] = {{b * e - yz * yz, xz * yz - xy * e, xy * yz - xz * b},
+                                  {xz * yz - xy * e, a * e - xz * xz, xy * xz - a * yz},
+                                  {xy * yz - xz * b, xy * xz - a * yz, a * b - xy * xy}};
+    const double det = a * inverse[0][0] + xy * inverse[1][0] + xz * inverse[2][0];
+    double g[3];
+    for (int i = 0; i < 3; i++)
+      g[i] = 0.1 * (0.9 * (double)m[16 * i + k] + (1 - 0.9) * (double)j.grad[16 * i + k]);
+    if (det < 0.05 * a * b * e) continue; // the least pivot
+    for (int i = 0; i < 3; i++) {
+      const double step = (inverse[i][0] * g[0] + inverse[i][1] * g[1] + inverse[i][2] * g[2]) / det;
+      const double got = (double)j.p[16 * i + k] - (double)p[16 * i + k];
+      ck_true(c, fabs(got - step) < 1e-4 * (fabs(step) + 1), "coordinate %d of lane %d: %g, not %g", i, k,
+              got, step);
+    }
+  }
+}
+
+static void check_newton(ck *c) {
+  ck_each_rows(c, check_newton_rows);
+  check_solve(c);
+}
 
 static void run_newton(void *arg, const sv_kernels *k) {
   newton_job *j = arg;
-  k->newton(&j->args, j->touched, j->grad, j->diag, j->p, j->m);
+  k->newton(&j->args, j->touched, j->grad, &j->c, j->p, j->m);
 }
 
 static void bench_newton(ck *c) {

@@ -73,7 +73,9 @@ static void run_newton(ctx *c) {
   sv_gaussians *g = &c->t->g;
   for (int b = 0; b < N_BLOCKS; b++) {
     size_t at = (size_t)b * (size_t)g->n_rows * 16;
-    c->k->newton(&c->newton, 0xffff, c->block, c->t->v + at, g->param + at, c->t->m + at);
+    c->k->newton(&c->newton, 0xffff, c->block,
+                 &(sv_curvatures){c->t->v + at, sv_train_cross_at(c->t, 16 * b)}, g->param + at,
+                 c->t->m + at);
   }
 }
 static void run_unpack(ctx *c) {
