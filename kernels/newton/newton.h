@@ -68,6 +68,8 @@ typedef struct {
 
 // Pivots of the mean's matrix, scaled to a diagonal of 1, are at least this: bfloat16 leaves no more.
 #define SV_NEWTON_PIVOT_MIN (1.0f / 64.0f)
+// Below, a step would leave the range of floats.
+#define SV_NEWTON_CURVATURE_MIN 1e-30f
 
 // p, m: [n_rows][16] of the block, updated; grad [n_rows][16]. Lanes whose bit in touched is 0 keep
 // p and m; parameters without an estimate (diag 0) stay where they are.

@@ -55,7 +55,7 @@ static float block_mean(const uint16_t *diag) {
 static void solve3(const float h[6], float ridge, float s[3]) {
   float scale[3], y[3];
   for (int i = 0; i < 3; i++) {
-    scale[i] = 1.0f / sqrtf(h[i] + ridge);
+    scale[i] = 1.0f / sqrtf(s1_max(h[i] + ridge, SV_NEWTON_CURVATURE_MIN));
     y[i] = s[i] * scale[i];
   }
   const float xy = h[3] * (scale[0] * scale[1]), xz = h[4] * (scale[0] * scale[2]),

@@ -73,7 +73,7 @@ static inline void solve3(const v16 h[3], const uint16_t *cross, v16 ridge, v16 
   const v16 one = v16_set1(1.0f), least = v16_set1(SV_NEWTON_PIVOT_MIN);
   v16 s[3], y[3];
   for (int i = 0; i < 3; i++) {
-    s[i] = v16_div(one, v16_sqrt(v16_add(h[i], ridge)));
+    s[i] = v16_div(one, v16_sqrt(v16_max(v16_add(h[i], ridge), v16_set1(SV_NEWTON_CURVATURE_MIN))));
     y[i] = v16_mul(g[i], s[i]);
   }
   const v16 xy = v16_mul(v16_load_high(cross), v16_mul(s[0], s[1]));
