@@ -36,10 +36,11 @@ sv_arrays sv_arrays_of(const sv_train_cfg *c) {
   const double samples = c->is_supersampled ? 4 : 1; // of a pixel
   const bool has_sum = c->cap_measurements > 0 || c->n_novel > 0;
   add(&f, "parameters", 4 * rows, 0);
-  add(&f, c->optimizer == SV_OPTIMIZER_ADAM ? "Adam's moments" : "mean gradient, curvature", 4 * rows, 0);
+  add(&f, c->optimizer == SV_OPTIMIZER_ADAM ? "Adam's moments" : "mean gradient, curvature",
+      4 * rows + (c->optimizer == SV_OPTIMIZER_ADAM ? 0 : 6), 0);
   add(&f, "errors, floors, touched", 4 + (c->min_scale_px > 0.0f ? 4 : 0) + 0.25, 0);
   add(&f, "relocation", sizeof(double) + 2 * sizeof(int32_t), 0);
-  add(&f, "sum over several images", has_sum ? 4 * (rows + 1) + 0.5 : 0, has_sum ? 16 : 0);
+  add(&f, "sum over several images", has_sum ? 4 * (rows + SV_TRAIN_SUM_MORE) + 0.5 : 0, has_sum ? 16 : 0);
   add(&f, "splats", sizeof(sv_splat), 0);
   add(&f, "depths, dropout mask", 4 + 0.125, 0);
   add(&f, "intersections", intersection * n_g, samples * intersection * n_px);

@@ -12,13 +12,13 @@ static void check(const sv_train_cfg *c, const char *what) {
   double g = 0, px = 0;
   for (int i = 0; i < f.n_rows; i++) {
     if (strcmp(f.row[i].name, "other") == 0)
-      fail_msg("%s: %.2f bytes a Gaussian and %.3f a pixel are in no row of src/app/arrays.c", what,
+      fail_msg("%s: %.2f bytes a Gaussian and %.3f a pixel are in no row of src/run/arrays.c", what,
                f.row[i].per_gaussian, f.row[i].per_pixel);
     g += f.row[i].per_gaussian;
     px += f.row[i].per_pixel;
   }
   if (fabs(g - f.per_gaussian) > 0.1 || fabs(px - f.per_pixel) > 0.1)
-    fail_msg("%s: the rows of src/app/arrays.c add up to %.2f and %.3f bytes, the trainer takes %.2f a "
+    fail_msg("%s: the rows of src/run/arrays.c add up to %.2f and %.3f bytes, the trainer takes %.2f a "
              "Gaussian and "
              "%.3f a pixel",
              what, g, px, f.per_gaussian, f.per_pixel);

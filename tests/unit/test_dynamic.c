@@ -297,7 +297,7 @@ TEST(test_old_checkpoint) {
       SV_OK);
   assert_int_equal(sv_sections_end(&w, &err), SV_OK);
   assert_int_equal(sv_checkpoint_read(&trainer, "memory", file, m.n, &err), SV_E_UNSUPPORTED);
-  assert_string_equal(err.text, "memory: a checkpoint of version 6, expected 7; begin a new run");
+  assert_string_equal(err.text, "memory: a checkpoint of version 7, expected 8; begin a new run");
 }
 
 TEST(test_resume) {
