@@ -29,6 +29,10 @@ static float random_until(const sv_train_cfg *cfg, const sv_sampling *s) {
 
 #define GRID_VIEWS 6 // more sub-views than a phone has: a lens grid, whose images are small
 
+// Their many rays measure depth better than few rays of large pictures, and each estimate of the
+// curvature is of a few of them (docs/notes/few-exposures.md).
+#define GRID_DAMPING_MEAN 0.2f
+
 // 1 with few exposures, 0 with many.
 static float fewness(const sv_sampling *s) {
   const float few = (float)(MANY_EXPOSURES - s->n_exposures) / (MANY_EXPOSURES - SV_FEW_EXPOSURES);
@@ -149,6 +153,7 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   if (is_grid) {
     cfg->min_scale_px = 0.4f;
     cfg->dilation_px2 = SV_DILATION_AREA_PX2;
+    cfg->newton.damping_mean = GRID_DAMPING_MEAN;
   }
   // With compensation a low-pass of 0.3 takes what the pixels show for blur of their own: finer
   // detail is lost.

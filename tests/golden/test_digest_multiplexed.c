@@ -8,7 +8,7 @@
 #include "tests/common/world.h"
 
 #define STEPS  60
-#define DIGEST 0x90b3b84b7a4b3b00ull
+#define DIGEST 0x5ab46e2f74d8be9bull
 
 #define SUPPORT 0x292a4c7a083deb22ull
 
