@@ -80,8 +80,10 @@ static const sv_option rows[] = {
          BOARD_SH_DEGREE) "; 0 with --scene dynamic and "
                           "--live, whose history has degree 0]",
      0, 3, NULL},
-    {"optimizer", SV_OPT_WORD, 1, 0, AT(optimizer), "adam|gauss-newton",
-     "[gauss-newton; adam where lens images overlap]", 0, 0, NULL},
+    {"optimizer", SV_OPT_WORD, 1, 0, AT(optimizer), "adam|gauss-newton|mixed",
+     "mixed: gauss-newton for means, adam for the rest [mixed with up to 3 exposures and in moving scenes; "
+     "else gauss-newton]",
+     0, 0, NULL},
     {"prior", SV_OPT_WORD, 1, 0, AT(prior), "none|fsgs|sparsegs",
      "sparse-view prior for static scenes (docs/priors.md) [none]", 0, 0, NULL},
     {"appearance", SV_OPT_WORD, 1, 0, AT(appearance), "auto|off|cameras|exposures",

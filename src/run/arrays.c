@@ -36,7 +36,7 @@ sv_arrays sv_arrays_of(const sv_train_cfg *c) {
   const double samples = c->is_supersampled ? 4 : 1; // of a pixel
   const bool has_sum = c->cap_measurements > 0 || c->n_novel > 0;
   add(&f, "parameters", 4 * rows, 0);
-  add(&f, c->optimizer == SV_OPTIMIZER_ADAM ? "Adam's moments" : "mean gradient, curvature",
+  add(&f, c->optimizer == SV_OPTIMIZER_ADAM ? "Adam's moments" : "moments, curvature",
       4 * rows + (c->optimizer == SV_OPTIMIZER_ADAM ? 0 : 6), 0);
   add(&f, "errors, floors, touched", 4 + (c->min_scale_px > 0.0f ? 4 : 0) + 0.25, 0);
   add(&f, "relocation", sizeof(double) + 2 * sizeof(int32_t), 0);

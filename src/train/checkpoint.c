@@ -44,7 +44,7 @@ static size_t moments_bytes(const sv_trainer *t) { return rows_bytes(t) / sizeof
 
 // Section CROS.
 static size_t cross_bytes(const sv_trainer *t) {
-  return t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON ? 3 * (size_t)t->g.cap * sizeof *t->cross : 0;
+  return t->cfg.optimizer != SV_OPTIMIZER_ADAM ? 3 * (size_t)t->g.cap * sizeof *t->cross : 0;
 }
 
 size_t sv_checkpoint_bytes(const sv_trainer *t) {
@@ -82,7 +82,7 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   if (s >= 0) s = sv_sections_put(&w, "GAUS", t->g.param, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_put(&w, "ADAM", t->m, moments_bytes(t), err);
   if (s >= 0) s = sv_sections_put(&w, "ADAV", t->v, moments_bytes(t), err);
-  if (s >= 0 && t->cross) s = sv_sections_put(&w, "CROS", t->cross, cross_bytes(t), err);
+  if (s >= 0 && cross_bytes(t)) s = sv_sections_put(&w, "CROS", t->cross, cross_bytes(t), err);
   if (s >= 0) s = sv_sections_put(&w, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
   if (s >= 0) s = sv_sections_put(&w, "ORDR", t->order, (size_t)n_items(t) * sizeof(int), err);
   if (s >= 0 && t->floor) s = sv_sections_put(&w, "FLOR", t->floor, floors_bytes(t), err);
@@ -172,7 +172,7 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   s = sv_sections_get(&r, "GAUS", t->g.param, rows_bytes(t), err);
   if (s >= 0) s = sv_sections_get(&r, "ADAM", t->m, moments_bytes(t), err);
   if (s >= 0) s = sv_sections_get(&r, "ADAV", t->v, moments_bytes(t), err);
-  if (s >= 0 && t->cross) s = sv_sections_get(&r, "CROS", t->cross, cross_bytes(t), err);
+  if (s >= 0 && cross_bytes(t)) s = sv_sections_get(&r, "CROS", t->cross, cross_bytes(t), err);
   if (s >= 0) s = sv_sections_get(&r, "ERRS", t->err, (size_t)t->g.cap * sizeof(float), err);
   if (s >= 0) s = sv_sections_get(&r, "ORDR", t->order, (size_t)h.n_items * sizeof(int), err);
   if (s >= 0 && t->floor) s = sv_sections_get(&r, "FLOR", t->floor, floors_bytes(t), err);

@@ -26,7 +26,7 @@
 bool sv_train_is_probe_due(const sv_trainer *t) {
   const sv_newton_cfg *c = &t->cfg.newton;
   const int every = t->step < (uint32_t)c->first_steps ? c->first_every : c->every;
-  return t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON && t->step % (uint32_t)every == 0;
+  return t->cfg.optimizer != SV_OPTIMIZER_ADAM && t->step % (uint32_t)every == 0;
 }
 
 typedef struct {
@@ -64,7 +64,7 @@ void sv_train_make_probe(const sv_trainer *t, double l1, sv_planes *probe) {
 }
 
 static job blocks_job(sv_trainer *t) {
-  return (job){.t = t, .n_rows = SV_N_ROWS(t->render.project.sh_degree), .n_blocks = (t->g.n + 15) / 16};
+  return (job){.t = t, .n_rows = sv_train_newton_rows(t), .n_blocks = (t->g.n + 15) / 16};
 }
 
 static int n_tasks(const job *j) { return (j->n_blocks + BLOCKS_PER_TASK - 1) / BLOCKS_PER_TASK; }

@@ -71,7 +71,8 @@ static sv_status train_sketch(sv_trainer *t, const sv_driver_start *start) {
   sv_step_stats st;
   sv_status s = sv_train_start(t, &sphere, NULL, 0, start->scratch);
   t->cfg.expected_steps = n_steps;
-  t->cfg.optimizer = SV_OPTIMIZER_ADAM; // as from afar (objective.c)
+  if (usual.optimizer != SV_OPTIMIZER_ADAM)
+    t->cfg.optimizer = SV_OPTIMIZER_MIXED; // as from afar (objective.c)
   t->cfg.reg_opacity_until = 1.0f;
   for (int i = 0; s >= 0 && i < n_steps; i++) {
     if (start->beat) start->beat(start->self);

@@ -158,12 +158,18 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   // With compensation a low-pass of 0.3 takes what the pixels show for blur of their own: finer
   // detail is lost.
   if (cfg->is_antialiased) cfg->dilation_px2 = SV_DILATION_AREA_PX2;
-  // What is seen at some times only settles better in Adam's even steps: its curvature of a step
-  // ago was another picture's. From afar they come nearer to a surface that several views see, and
-  // tell better whose light a pixel of several lenses is (docs/notes/few-exposures.md).
-  const bool is_even =
-      s->is_moving || (s->is_far && (s->is_multiplexed || s->n_exposures * s->n_sub_views > 1));
-  cfg->optimizer = is_even ? SV_OPTIMIZER_ADAM : SV_OPTIMIZER_GAUSS_NEWTON;
+  // Adam's even steps suit what few pictures see, what is seen at some times only, and what is far
+  // from its place: there the curvature is another picture's, or that of another place. But of a
+  // mean its matrix says where it is uncertain (docs/notes/quality.md). Lens grids have many small
+  // pictures, which agree; one view alone pins nothing down along its rays, nor does one
+  // camera that stands before a moving scene.
+  const bool is_few = s->n_exposures <= SV_FEW_EXPOSURES;
+  const bool is_single = s->n_sub_views == 1 && (s->n_exposures == 1 || s->is_moving);
+  if (is_single) cfg->newton.damping_mean = cfg->newton.damping;
+  const bool is_uncertain = (is_few && !is_grid) || s->is_far;
+  cfg->optimizer = s->is_moving || (is_uncertain && (s->is_multiplexed || !is_single))
+                       ? SV_OPTIMIZER_MIXED
+                       : SV_OPTIMIZER_GAUSS_NEWTON;
   // The times added last need the full rate, too.
   if (s->is_moving) cfg->newton.rate_end = cfg->newton.rate_start;
   // Detail within a pixel matters only once the splats are in place. Until then one sample a pixel
@@ -176,7 +182,6 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   set_surface(cfg, s, is_grid);
   set_novel(cfg, s, is_grid);
   cfg->dropout_until = cfg->is_supersampled ? cfg->supersample_from : DROPOUT_UNTIL;
-  const bool is_few = s->n_exposures <= SV_FEW_EXPOSURES;
   if (is_few && !s->is_moving) cfg->reg_opacity = opacity_weight(s, is_grid);
   // Fog that fits the few pictures of one camera comes back as soon as it costs nothing, and from
   // afar it has long to go.
@@ -190,8 +195,7 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
     cfg->sh_step = 2.0f;
     return;
   }
-  if (s->n_exposures * s->n_sub_views == 1)
-    cfg->sh_step = 2.0f; // one view cannot tell how colour turns: never
+  if (is_single) cfg->sh_step = 2.0f; // one view cannot tell how colour turns: never
   if (!is_grid) return;
   cfg->weight_tv = 0.05f;
   cfg->weight_tv_novel = 0.1f;

@@ -22,9 +22,11 @@
 
 typedef struct {
   sv_trainer *t;
-  sv_adam_args adam;
-  sv_newton_args newton;
-  float lr[SV_CAP_ROWS]; // of Adam; with Gauss-Newton the longest steps
+  sv_adam_args adam;      // of the rows behind newton.n_rows
+  sv_newton_args newton;  // of no rows with Adam alone
+  int n_rows;             // of both
+  float lr[SV_CAP_ROWS];  // of Adam
+  float cap[SV_CAP_ROWS]; // longest Newton steps
   float damping[SV_CAP_ROWS];
   float noise_gain; // displacement in units of sigma^2
   sv_regularisers reg;
@@ -58,8 +60,7 @@ float sv_train_settling(const sv_train_cfg *c, float progress) {
   return 1.0f - (1.0f - c->settle_rate) * share;
 }
 
-static void fill_rates(job *j, float mean_lr, float f, float boost) {
-  const sv_learning_rates *lr = &j->t->cfg.lr;
+static void fill_rates(const sv_learning_rates *lr, float mean_lr, float f, float boost, float *out) {
   for (int i = 0; i < SV_CAP_ROWS; i++) {
     float r = i < SV_ROW_QUAT     ? mean_lr
               : i < SV_ROW_SCALE  ? lr->quat
@@ -67,20 +68,21 @@ static void fill_rates(job *j, float mean_lr, float f, float boost) {
               : i < SV_ROW_SH     ? lr->logit * boost
               : i < SV_ROW_SH + 3 ? lr->sh0 * boost
                                   : lr->sh_rest;
-    j->lr[i] = r * f;
+    out[i] = r * f;
   }
 }
 
 static sv_adam_args adam_args(job *j, float mean_lr, float progress, double bias1, double bias2) {
   const float settling = sv_train_settling(&j->t->cfg, progress);
-  fill_rates(j, mean_lr, settling * (float)(1.0 / bias1), sv_train_short_run_boost(&j->t->cfg));
+  const float boost = sv_train_short_run_boost(&j->t->cfg);
+  fill_rates(&j->t->cfg.lr, mean_lr, settling * (float)(1.0 / bias1), boost, j->lr);
   return (sv_adam_args){.beta1 = KEEP_GRADIENT,
                         .beta2 = 0.999f,
                         .eps = 1e-15f,
                         .rsqrt_bias2 = (float)(1.0 / sqrt(bias2)),
-                        .lr = j->lr,
+                        .lr = j->lr + j->newton.n_rows,
                         .step = j->t->step,
-                        .n_rows = SV_N_ROWS(j->t->render.project.sh_degree)};
+                        .n_rows = j->n_rows - j->newton.n_rows};
 }
 
 static float newton_rate(const sv_train_cfg *c, float progress) {
@@ -100,8 +102,8 @@ static float keep_gradient(const sv_train_cfg *c) {
 static sv_newton_args newton_args(job *j, float mean_lr, float progress) {
   const sv_newton_cfg *c = &j->t->cfg.newton;
   const float settling = sv_train_settling(&j->t->cfg, progress);
-  fill_rates(j, mean_lr, settling * c->cap, 1.0f);
-  for (int i = SV_ROW_SCALE; i < SV_ROW_LOGIT; i++) j->lr[i] = settling * c->cap_scale * j->t->cfg.lr.scale;
+  fill_rates(&j->t->cfg.lr, mean_lr, settling * c->cap, 1.0f, j->cap);
+  for (int i = SV_ROW_SCALE; i < SV_ROW_LOGIT; i++) j->cap[i] = settling * c->cap_scale * j->t->cfg.lr.scale;
   for (int i = 0; i < SV_CAP_ROWS; i++)
     j->damping[i] = i < SV_ROW_QUAT                      ? c->damping_mean
                     : i >= SV_ROW_SCALE && i < SV_ROW_SH ? c->damping_size
@@ -110,8 +112,8 @@ static sv_newton_args newton_args(job *j, float mean_lr, float progress) {
                           .rate = settling * newton_rate(&j->t->cfg, progress),
                           .damping = j->damping,
                           .cap_mean = settling * c->cap_mean,
-                          .cap = j->lr,
-                          .n_rows = SV_N_ROWS(j->t->render.project.sh_degree)};
+                          .cap = j->cap,
+                          .n_rows = sv_train_newton_rows(j->t)};
 }
 
 int sv_train_n_tasks(const sv_trainer *t) {
@@ -213,7 +215,7 @@ static void scale_gradients(const job *j, const far_lanes *far, const float *p, 
 // p: the block, its means after their steps; old [3][16]: before. A Newton step is still not longer
 // than the share of the Gaussian's size.
 static void scale_steps(const job *j, const far_lanes *far, const float old[48], float *p) {
-  const bool is_newton = j->t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON;
+  const bool is_newton = j->newton.n_rows > 0;
   for (uint32_t on = far->lanes; on; on &= on - 1) {
     const int k = __builtin_ctz(on);
     const float *s = p + 16 * SV_ROW_SCALE + k;
@@ -221,6 +223,18 @@ static void scale_steps(const job *j, const far_lanes *far, const float old[48],
     const float most = is_newton ? j->newton.cap_mean * size : HUGE_VALF;
     for (int i = k; i < 48; i += 16) p[i] = old[i] + sv_clampf(far->factor[k] * (p[i] - old[i]), -most, most);
   }
+}
+
+static void step(const job *j, int b, uint32_t touched, const float *grad) {
+  const sv_trainer *t = j->t;
+  const size_t at = (size_t)b * (size_t)t->g.n_rows * 16, rest = 16 * (size_t)j->newton.n_rows;
+  if (j->newton.n_rows > 0) {
+    const sv_curvatures c = {t->v + at, sv_train_cross_at(t, 16 * b)};
+    t->compute.k->newton(&j->newton, touched, grad, &c, t->g.param + at, t->m + at);
+  }
+  if (j->adam.n_rows > 0)
+    t->compute.k->adam(&j->adam, touched, grad + rest, t->g.param + at + rest, t->m + at + rest,
+                       t->v + at + rest);
 }
 
 static void move(const job *j, int b, const block_grads *from, noise_batch *w) {
@@ -235,11 +249,7 @@ static void move(const job *j, int b, const block_grads *from, noise_batch *w) {
     memcpy(old, p + 16 * SV_ROW_MEAN, sizeof old);
     scale_gradients(j, &far, p, grad);
   }
-  if (t->cfg.optimizer == SV_OPTIMIZER_ADAM)
-    t->compute.k->adam(&j->adam, touched, grad, p, t->m + at, t->v + at);
-  else
-    t->compute.k->newton(&j->newton, touched, grad, &(sv_curvatures){t->v + at, sv_train_cross_at(t, 16 * b)},
-                         p, t->m + at);
+  step(j, b, touched, grad);
   scale_steps(j, &far, old, p);
   const uint32_t below =
       t->compute.k->blend_errors(j->is_error_due ? from->has_err : 0, ERR_KEEP, from->err,
@@ -261,7 +271,7 @@ static void optimise_task(void *arg, int i_task, int i_thread) {
   float pose[6];
   noise_batch w;
   w.n = 0; // the rest is filled before it is read
-  const size_t rows = 16 * (size_t)j->adam.n_rows;
+  const size_t rows = 16 * (size_t)j->n_rows;
   begin_pose(j, i_task);
   for (int b = b0; b < b1; b++) {
     // They have left the near caches since the last step. One after the other: row by row was
@@ -308,7 +318,7 @@ static void collect_task(void *arg, int i_task, int i_thread) {
     if (!touched) continue;
     float *sum = sum_of(t, b);
     // lanes that were not touched are 0
-    for (int i = 0; i < 16 * j->adam.n_rows; i++) sum[i] += grad[i];
+    for (int i = 0; i < 16 * j->n_rows; i++) sum[i] += grad[i];
     t->sum_touched[2 * b] |= touched;
     if (!j->has_err) continue;
     for (int k = 0; k < 16; k++) sum[16 * t->g.n_rows + k] += err[k];
@@ -379,6 +389,11 @@ void sv_train_set_floors(sv_trainer *t) {
 
 // --- the step's job ------------------------------------------------------------------------------
 
+int sv_train_newton_rows(const sv_trainer *t) {
+  const int n = SV_N_ROWS(t->render.project.sh_degree);
+  return t->cfg.optimizer == SV_OPTIMIZER_ADAM ? 0 : t->cfg.optimizer == SV_OPTIMIZER_MIXED ? SV_ROW_QUAT : n;
+}
+
 sv_regularisers sv_train_regularisers(const sv_trainer *t, float progress, float share) {
   const float opacity = progress < t->cfg.reg_opacity_until ? t->cfg.reg_opacity : 0.0f;
   return (sv_regularisers){.opacity = share * (opacity / (float)t->g.n),
@@ -389,14 +404,16 @@ static uint32_t run(sv_trainer *t, float progress, sv_task_fn task) {
   double step = (double)t->step + 1.0;
   float mean_lr = sv_train_mean_lr(&t->cfg, progress);
   bool is_noisy = progress < t->cfg.relocate_until;
-  job j = {.t = t, .n_blocks = (t->g.n + 15) / 16, .reg = sv_train_regularisers(t, progress, 1.0f)};
+  job j = {.t = t,
+           .n_blocks = (t->g.n + 15) / 16,
+           .n_rows = SV_N_ROWS(t->render.project.sh_degree),
+           .reg = sv_train_regularisers(t, progress, 1.0f)};
   j.has_pose = t->cfg.poses.cap_poses > 0 && task == optimise_task;
   j.is_error_due = sv_train_is_error_due(t, progress);
   double bias1 = 1.0 - sv_pow(0.9, step), bias2 = 1.0 - sv_pow(0.999, step);
   j.noise_gain = is_noisy ? t->cfg.noise * 5e5f * mean_lr / t->radius : 0.0f;
+  j.newton = newton_args(&j, mean_lr * t->radius, progress);
   j.adam = adam_args(&j, mean_lr * t->radius, progress, bias1, bias2); // motion's, too
-  if (t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON)
-    j.newton = newton_args(&j, mean_lr * t->radius, progress);
   if (SV_TRAIN_HAS(t, begin_update)) t->hooks->begin_update(t->hooked, progress, &j.adam);
   sv_pool_run(t->compute.pool, task, &j, n_tasks(&j));
   uint32_t n = 0;
@@ -412,6 +429,6 @@ void sv_train_collect(sv_trainer *t, const sv_regularisers *reg, bool has_err) {
   job j = {.t = t, .n_blocks = (t->g.n + 15) / 16, .has_err = has_err};
   if (reg) j.reg = *reg;
   j.has_pose = t->cfg.poses.cap_poses > 0 && has_err;
-  j.adam.n_rows = SV_N_ROWS(t->render.project.sh_degree);
+  j.n_rows = SV_N_ROWS(t->render.project.sh_degree);
   sv_pool_run(t->compute.pool, collect_task, &j, n_tasks(&j));
 }

@@ -30,6 +30,8 @@ void sv_train_set_floors(sv_trainer *t);
 // shorter. None after the last relocation.
 #define SV_TRAIN_ERROR_EVERY 4u
 bool sv_train_is_error_due(const sv_trainer *t, float progress);
+// Rows of a Gaussian's parameters, from the first on, that Gauss-Newton moves; Adam moves the rest.
+int sv_train_newton_rows(const sv_trainer *t);
 // The weights that share of the regularizers has at a progress.
 sv_regularisers sv_train_regularisers(const sv_trainer *t, float progress, float share);
 // Gradients of the last rendering -> parameters of all touched blocks; returns the touched

@@ -4,6 +4,7 @@
 
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
+#include "src/train/optimize.h"
 
 #define DEAD_LOGIT -8.0f // opacity 0.0003
 #define CAP_COPIES 51    // 3DGS-MCMC's limit on copies of one Gaussian at a time
@@ -36,16 +37,21 @@ static int draw(const double *cum, int n, double x) {
   return lo;
 }
 
+// Rows of v that are curvature, which halves of a Gaussian share; the rest are moments.
+static int n_curvatures(const sv_trainer *t) {
+  const int n = sv_train_newton_rows(t);
+  return n > SV_ROW_QUAT ? t->g.n_rows : n; // of SH that are not in use yet, too
+}
+
 static void clear_moments(sv_trainer *t, int i) {
   long at = sv_gaussians_at(&t->g, i, 0) - t->g.param;
   for (int row = 0; row < t->g.n_rows; row++) t->m[at + 16 * row] = 0;
-  for (int row = 0; row < t->g.n_rows && t->cfg.optimizer == SV_OPTIMIZER_ADAM; row++)
-    t->v[at + 16 * row] = 0;
+  for (int row = n_curvatures(t); row < t->g.n_rows; row++) t->v[at + 16 * row] = 0;
 }
 
 static void copy_curvature(sv_trainer *t, int to, int from) {
   long a = sv_gaussians_at(&t->g, to, 0) - t->g.param, b = sv_gaussians_at(&t->g, from, 0) - t->g.param;
-  for (int row = 0; row < t->g.n_rows; row++) t->v[a + 16 * row] = t->v[b + 16 * row];
+  for (int row = 0; row < n_curvatures(t); row++) t->v[a + 16 * row] = t->v[b + 16 * row];
   for (int k = 0; k < 3; k++) sv_train_cross_at(t, to)[16 * k] = sv_train_cross_at(t, from)[16 * k];
 }
 
@@ -58,7 +64,7 @@ static void copy_slot(sv_trainer *t, int to, int from) {
 void sv_train_copy_slot(sv_trainer *t, int to, int from) {
   copy_slot(t, to, from);
   clear_moments(t, to);
-  if (t->cfg.optimizer == SV_OPTIMIZER_GAUSS_NEWTON) copy_curvature(t, to, from);
+  if (t->cfg.optimizer != SV_OPTIMIZER_ADAM) copy_curvature(t, to, from);
   t->err[to] = t->err[from];
 }
 

@@ -68,12 +68,12 @@ sv_train_cfg sv_train_defaults(void) {
   return c;
 }
 
-static const char *const optimizer_names[] = {"adam", "gauss-newton"};
+static const char *const optimizer_names[] = {"adam", "gauss-newton", "mixed"};
 
 const char *sv_optimizer_name(sv_optimizer o) { return optimizer_names[o]; }
 
 int sv_optimizer_by_name(const char *name) {
-  for (int i = 0; i < 2; i++)
+  for (int i = 0; i < 3; i++)
     if (sv_str_eq(name, optimizer_names[i])) return i;
   return -1;
 }
@@ -109,7 +109,7 @@ static sv_status carve(sv_trainer *t, const sv_train_cfg *c, sv_arena *a) {
   sv_arena_part_begin(a, "optimizer");
   t->m = SV_TAKE(a, uint16_t, cap * (size_t)t->g.n_rows);
   t->v = SV_TAKE(a, uint16_t, cap * (size_t)t->g.n_rows);
-  t->cross = c->optimizer == SV_OPTIMIZER_GAUSS_NEWTON ? SV_TAKE(a, uint16_t, 3 * cap) : NULL;
+  t->cross = c->optimizer != SV_OPTIMIZER_ADAM ? SV_TAKE(a, uint16_t, 3 * cap) : NULL;
   t->err = SV_TAKE(a, float, cap);
   t->block = SV_TAKE(a, float, (size_t)c->n_threads *SV_TRAIN_BLOCK_FLOATS);
   t->floor = c->min_scale_px > 0.0f ? SV_TAKE(a, float, cap) : NULL;
@@ -208,8 +208,8 @@ static sv_status check(const sv_train_cfg *c, sv_err *err) {
         err, SV_E_UNSUPPORTED,
         "sparse-view priors are for still scenes and whole pictures: not for moving ones, and not on "
         "multiplexed sensors");
-  if (c->optimizer == SV_OPTIMIZER_GAUSS_NEWTON && (c->newton.every < 1 || c->newton.first_every < 1 ||
-                                                    !(c->newton.rate_start > 0) || !(c->newton.rate_end > 0)))
+  if (c->optimizer != SV_OPTIMIZER_ADAM && (c->newton.every < 1 || c->newton.first_every < 1 ||
+                                            !(c->newton.rate_start > 0) || !(c->newton.rate_end > 0)))
     return sv_fail(
         err, SV_E_ARG,
         "an estimate of the curvature every %d and %d steps, and rates of %g to %g, expected more than 0",

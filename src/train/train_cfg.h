@@ -35,8 +35,9 @@ typedef struct {
 } sv_learning_rates;
 
 // What moves the Gaussians. Motion and poses are always Adam's.
-typedef enum { SV_OPTIMIZER_ADAM, SV_OPTIMIZER_GAUSS_NEWTON } sv_optimizer;
-const char *sv_optimizer_name(sv_optimizer o); // "adam", "gauss-newton"
+// Mixed: means by Gauss-Newton, all other parameters by Adam.
+typedef enum { SV_OPTIMIZER_ADAM, SV_OPTIMIZER_GAUSS_NEWTON, SV_OPTIMIZER_MIXED } sv_optimizer;
+const char *sv_optimizer_name(sv_optimizer o); // "adam", "gauss-newton", "mixed"
 int sv_optimizer_by_name(const char *name);    // -1 when unknown
 
 // Gauss-Newton (curvature.c): p -= rate m / (h + damping mean(h)), with m the running mean of the
