@@ -56,8 +56,8 @@ typedef void sv_curvature_fn(float keep, int n_rows, uint32_t touched, const flo
 typedef struct {
   float beta1;
   float rate;
-  // [n_rows] times a row's mean of diag over the block is added to diag; of a mean's rows the first,
-  // times the mean of the three
+  // [n_rows] times a row's mean of diag over the block is added to diag; of a mean's rows the
+  // first, times the mean of the three
   const float *damping;
   float cap_mean;   // longest step of a mean, > 0: times the geometric mean of the Gaussian's axes
   const float *cap; // [n_rows] longest steps of the other rows, > 0
@@ -66,7 +66,8 @@ typedef struct {
 
 #define SV_NEWTON_LOG2E_3 0.480898347f // log2(e) / 3: of the mean of three logarithms
 
-// Pivots of the mean's matrix, scaled to a diagonal of 1, are at least this: bfloat16 leaves no more.
+// Pivots of the mean's matrix, scaled to a diagonal of 1, are at least this: bfloat16 leaves no
+// more.
 #define SV_NEWTON_PIVOT_MIN (1.0f / 64.0f)
 // Below, a step would leave the range of floats.
 #define SV_NEWTON_CURVATURE_MIN 1e-30f

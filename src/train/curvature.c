@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gauss-Newton: the estimate of the loss's curvature. The photometric loss is a mean of
-// |r| over n values, and its curvature is that of weighted squares r^2 / (2 w), w = |r|
-// (iteratively reweighted least squares). With the picture's mean for w the Gauss-Newton matrix is
-// J^T J / (n w). Every few steps one more backward pass, with random signs of size 1 / sqrt(n w) in
-// the place of the gradient, estimates its diagonal by squares, and by products what couples the coordinates of each mean
-// (kernels/newton/newton.h). SSIM's
-// share of the loss is taken to have the curvature of the rest; smoothing of views, captured or
-// novel, and regularizers do not count. The running mean stands where Adam has its second moment.
+// Gauss-Newton: the estimate of the loss's curvature. The photometric loss is a mean of |r| over n
+// values, and its curvature is that of weighted squares r^2 / (2 w), w = |r| (iteratively
+// reweighted least squares). With the picture's mean for w the Gauss-Newton matrix is J^T J / (n
+// w). Every few steps one more backward pass, with random signs of size 1 / sqrt(n w) in the place
+// of the gradient, estimates its diagonal by squares, and by products what couples the coordinates
+// of each mean (kernels/newton/newton.h). SSIM's share of the loss is taken to have the curvature
+// of the rest; smoothing of views, captured or novel, and regularizers do not count. The running
+// mean stands where Adam has its second moment.
 #include "src/train/curvature.h"
 
 #include <string.h>

@@ -54,8 +54,9 @@ typedef struct {
   // And at its end (log-linear between), times the square of the short-run boost, at most
   // rate_start. Default 0.02.
   float rate_end;
-  bool is_boosted;    // Whether both rates are boosted in short runs, for few images, whose gradients
-                      // agree. Default false.
+  // Whether both rates are boosted in short runs, for few images, whose gradients agree. Default
+  // false.
+  bool is_boosted;
   float damping;      // Weight of the mean diagonal over a block of 16 Gaussians. Default 1.
   float damping_mean; // The same, of means. Default 0.03.
   // The same, of log-scales and opacities: how much of a picture a Gaussian takes. Default 1.

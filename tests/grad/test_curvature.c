@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The estimate of the Gauss-Newton matrix: its mean over many probes against J^T J / (n w), the
-// diagonal and what couples the coordinates of each mean, whose rows of J are gradients of single pixel values, of pictures with one sample a pixel and
-// with four, of all tiles and of half of them, and of a measurement through its forward model; then
-// how a step uses it.
+// The estimate of the Gauss-Newton matrix, its diagonal and what couples the coordinates of each
+// mean: the mean over many probes against J^T J / (n w) whose rows of J are gradients of single
+// pixel values, of pictures with one sample a pixel and with four, of all tiles and of half of
+// them, and of a measurement through its forward model; then how a step uses it.
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -187,8 +187,8 @@ static void compare(const char *what) {
   assert_true(worst < 0.25);
 }
 
-// Products of two normal numbers scatter by no more than 1 / sqrt(n) to sqrt(2 / n) of the geometric
-// mean of their variances, whatever their correlation: so much is a deviation measured by.
+// Products of two normal numbers scatter by 1 / sqrt(n) to sqrt(2 / n) of the geometric mean of
+// their variances, whatever their correlation: a deviation is measured by that.
 static void compare_cross(const char *what) {
   double sum = 0, worst = 0, most = 0;
   int n = 0;
