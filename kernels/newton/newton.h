@@ -61,7 +61,7 @@ typedef struct {
   const float *damping;
   float cap_mean;   // longest step of a mean, > 0: times the geometric mean of the Gaussian's axes
   const float *cap; // [n_rows] longest steps of the other rows, > 0
-  int n_rows;       // of kernels/project/project.h, at least 10
+  int n_rows;       // that move, of kernels/project/project.h: those of a mean, or more
 } sv_newton_args;
 
 #define SV_NEWTON_LOG2E_3 0.480898347f // log2(e) / 3: of the mean of three logarithms
@@ -72,8 +72,9 @@ typedef struct {
 // Below, a step would leave the range of floats.
 #define SV_NEWTON_CURVATURE_MIN 1e-30f
 
-// p, m: [n_rows][16] of the block, updated; grad [n_rows][16]. Lanes whose bit in touched is 0 keep
-// p and m; parameters without an estimate (diag 0) stay where they are.
+// p, m: [n_rows][16] of the block, updated; p holds its scales in any case; grad [n_rows][16].
+// Lanes whose bit in touched is 0 keep p and m; parameters without an estimate (diag 0) stay where
+// they are.
 //   m = b1 m + (1-b1) g;  p -= clamp(rate m / (diag + damping mean(diag)), -cap, cap). exact.
 // Of a mean: p -= rate (H + ridge I)^-1 m, H from diag and cross, shortened to the cap, which grows
 // with its Gaussian: a longer move is not linear in the picture.

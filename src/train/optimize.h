@@ -16,7 +16,7 @@ extern "C" {
 
 float sv_train_mean_lr(const sv_train_cfg *cfg, float progress); // per unit of scene radius
 // Short-run learning-rate boost: runs of less than 2,000 steps, of still scenes, have higher rates
-// of scales, opacities and colours (with Adam alone), and end with higher ones of means: by
+// of scales, opacities and colours (Adam's), and end with higher ones of means: by
 // sqrt(2000 / expected_steps), at most 2.5; the means' by its square.
 float sv_train_short_run_boost(const sv_train_cfg *cfg);
 // Factor on all rates at this progress (sv_train_cfg.settle_from).

@@ -229,8 +229,23 @@ static void check_solve(ck *c) {
   }
 }
 
+// Means alone: the same steps, and all else stays.
+static void check_means_alone(ck *c) {
+  ck_begin(c, "means alone");
+  const size_t n = 16 * SV_ROW_LOGIT, n_means = 16 * SV_ROW_QUAT;
+  newton_job j = make_newton(c, SV_ROW_LOGIT, CK_UNIT, 0xffff);
+  float *p = ck_copy(c, j.p, n), *q = ck_copy(c, j.p, n);
+  uint16_t *m = ck_highs(c, ck_wide(c, j.m, n), n);
+  c->ref.newton(&j.args, j.touched, j.grad, &j.c, p, m);
+  j.args.n_rows = SV_ROW_QUAT;
+  c->var.newton(&j.args, j.touched, j.grad, &j.c, q, j.m);
+  ck_same(c, "means", p, q, n_means, 1e-5);
+  ck_true(c, !memcmp(q + n_means, j.p + n_means, (n - n_means) * sizeof *q), "another parameter moved");
+}
+
 static void check_newton(ck *c) {
   ck_each_rows(c, check_newton_rows);
+  check_means_alone(c);
   check_solve(c);
 }
 
