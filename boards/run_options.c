@@ -81,8 +81,8 @@ static const sv_option rows[] = {
                           "--live, whose history has degree 0]",
      0, 3, NULL},
     {"optimizer", SV_OPT_WORD, 1, 0, AT(optimizer), "adam|gauss-newton|mixed",
-     "mixed: gauss-newton for means, adam for the rest [mixed with up to 3 exposures and in moving scenes; "
-     "else gauss-newton]",
+     "[gauss-newton; mixed (means by gauss-newton, the rest by adam) with up to 3 exposures and in moving "
+     "scenes]",
      0, 0, NULL},
     {"prior", SV_OPT_WORD, 1, 0, AT(prior), "none|fsgs|sparsegs",
      "sparse-view prior for static scenes (docs/priors.md) [none]", 0, 0, NULL},
