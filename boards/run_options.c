@@ -81,7 +81,7 @@ static const sv_option rows[] = {
                           "--live, whose history has degree 0]",
      0, 3, NULL},
     {"optimizer", SV_OPT_WORD, 1, 0, AT(optimizer), "adam|gauss-newton|mixed",
-     "[gauss-newton; mixed (means by gauss-newton, the rest by adam) with up to 3 exposures and in moving "
+     "[gauss-newton; mixed (means by gauss-newton, the rest by adam) in moving "
      "scenes]",
      0, 0, NULL},
     {"prior", SV_OPT_WORD, 1, 0, AT(prior), "none|fsgs|sparsegs",

@@ -36,6 +36,7 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   // Every exposure is like the last one: nothing cools down, and there are but a few dozen steps
   // for what is new in it.
   t->lr.mean_start = t->lr.mean_end = 9.6e-4f;
+  if (!c->optimizer) t->optimizer = SV_OPTIMIZER_ADAM; // too few for an estimate of the curvature
   t->lr.quat *= CONTINUOUS_RATE;
   t->lr.scale *= CONTINUOUS_RATE;
   t->lr.sh0 *= 2 * CONTINUOUS_RATE;

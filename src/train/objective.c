@@ -158,15 +158,14 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   // With compensation a low-pass of 0.3 takes what the pixels show for blur of their own: finer
   // detail is lost.
   if (cfg->is_antialiased) cfg->dilation_px2 = SV_DILATION_AREA_PX2;
-  // Adam's even steps suit what few pictures see, what is seen at some times only, and what is far
-  // from its place: there the curvature is another picture's, or that of another place. But of a
-  // mean its matrix says where it is uncertain (docs/notes/quality.md). Lens grids have many small
-  // pictures, which agree; one camera that stands pins nothing down along its rays.
+  // Adam's even steps suit what is seen at some times only, and what is far from its place: there
+  // the curvature is another picture's, or that of another place. But of a mean its matrix says
+  // where it is uncertain (docs/notes/quality.md). One camera that stands pins nothing down along
+  // its rays.
   const bool is_few = s->n_exposures <= SV_FEW_EXPOSURES;
   const bool is_single = s->n_exposures * s->n_sub_views == 1;
   if (is_single) cfg->newton.damping_mean = cfg->newton.damping;
-  const bool is_uncertain = (is_few && !is_grid) || s->is_far;
-  cfg->optimizer = s->is_moving || (is_uncertain && (s->is_multiplexed || !is_single))
+  cfg->optimizer = s->is_moving || (s->is_far && (s->is_multiplexed || !is_single))
                        ? SV_OPTIMIZER_MIXED
                        : SV_OPTIMIZER_GAUSS_NEWTON;
   // The times added last need the full rate, too.

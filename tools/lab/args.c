@@ -223,7 +223,7 @@ static const sv_option table[] = {
     {"time-limit", SV_OPT_REAL, LAB_TRAIN, 0, AT(time_limit_s), "SEC", "training time instead of --steps",
      0.01, 1e7, 0},
     {"optimizer", SV_OPT_WORD, LAB_TRAIN, 0, AT(optimizer), "adam|gauss-newton|mixed",
-     "optimizer [gauss-newton; mixed (means by gauss-newton, the rest by adam) with up to 3 exposures, in "
+     "optimizer [gauss-newton; mixed (means by gauss-newton, the rest by adam) in "
      "moving scenes, and with --init sphere or cube]",
      0, 0, 0},
     {"loss", SV_OPT_TEXT, LAB_TRAIN, 0, AT(loss), "k=v,...",
