@@ -30,7 +30,7 @@ static float random_until(const sv_train_cfg *cfg, const sv_sampling *s) {
 #define GRID_VIEWS 6 // more sub-views than a phone has: a lens grid, whose images are small
 
 // Their many rays measure depth better than few rays of large pictures, and each estimate of the
-// curvature is of a few of them (docs/notes/few-exposures.md).
+// curvature is of a few of them (docs/notes/quality.md).
 #define GRID_DAMPING_MEAN 0.2f
 
 // 1 with few exposures, 0 with many.
