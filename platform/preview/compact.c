@@ -76,8 +76,9 @@ static void put_higher(int8_t *o, const sv_gaussian *g, int n, float unit) {
 }
 
 static void put_header(uint8_t *o, const sv_feed_model *m, uint64_t seq, float unit) {
-  const uint32_t words[12] = {MAGIC,       m->n,        m->step,   (uint32_t)seq, m->is_mip, m->sh_degree,
-                              m->n_moving, m->n_motion, m->motion, m->n_pos,      m->n_rot,  m->n_colour};
+  const uint32_t is_mip = (m->is_mip ? 1u : 0) | m->background << 8;
+  const uint32_t words[12] = {MAGIC,       m->n,        m->step,   (uint32_t)seq, is_mip,   m->sh_degree,
+                              m->n_moving, m->n_motion, m->motion, m->n_pos,      m->n_rot, m->n_colour};
   const float floats[16] = {m->centre[0], m->centre[1], m->centre[2], m->radius, m->eye[0], m->eye[1],
                             m->eye[2],    m->up[0],     m->up[1],     m->up[2],  m->fov_y,  m->time_min,
                             m->time_max,  m->seconds,   m->t0,        unit};

@@ -13,9 +13,9 @@
 //                            behind it
 //   n_eyes x 7 f32           cameras of the images: eye 3, forward 3, tangent of half the diagonal
 //                            angle
-// Header: u32 magic "SVG2", n, step, sequence number (low), is_mip, SH degree, n_moving, n_motion,
-// motion, n_pos, n_rot, n_colour; f32 low-pass in square pixels; n_bodies, n_knots, flags |
-// n_eyes << 8;
+// Header: u32 magic "SVG2", n, step, sequence number (low), is_mip | background << 8 (0xRRGGBB), SH
+// degree, n_moving, n_motion, motion, n_pos, n_rot, n_colour; f32 low-pass in square pixels;
+// n_bodies, n_knots, flags | n_eyes << 8;
 // f32 centre 3, radius, eye 3, up 3, fov_y, time_min, time_max, seconds, t0, sh unit.
 #ifndef SV_PLATFORM_PREVIEW_COMPACT_H
 #define SV_PLATFORM_PREVIEW_COMPACT_H

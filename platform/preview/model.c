@@ -78,6 +78,7 @@ static pv_blob *make_ply(const sv_feed_model *m) {
                       .has_normals = true,
                       .unit = {.is_metric = m->is_metric != 0, .scale_sigma = m->scale_sigma},
                       .dilation_px2 = m->dilation_px2,
+                      .background = m->background,
                       .up = sv_up_name(m->up)};
   pv_blob *b = pv_blob_make(sv_ply_file_bytes(&o), 0);
   if (!b) return NULL;

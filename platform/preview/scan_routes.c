@@ -155,6 +155,7 @@ static sv_feed_model *snapshot_of(const void *file, size_t bytes) {
   m->is_metric = ply.unit.is_metric;
   m->scale_sigma = ply.unit.scale_sigma;
   m->dilation_px2 = ply.dilation_px2;
+  m->background = ply.background;
   sv_status r = SV_OK;
   for (uint32_t i = 0; i < m->n && r >= 0; i++) {
     sv_gaussian g;

@@ -153,51 +153,59 @@ static sv_status read_property(sv_ply *p, header *h, const sv_text *l, sv_word r
   return SV_OK;
 }
 
-static void read_comment(sv_ply *p,
-                         // two that Brush writes, and our own; others are ignored
-                         sv_word rest) {
-  static const char axis[] = "Vertical axis:", mode[] = "SplatRenderMode:", dilation[] = "SplatDilation:",
-                    up[] = "SplatUp:", unit[] = "SplatUnit:", sigma[] = "SplatScaleSigma:";
+// Whether a comment has this key; then only its value is left of it.
+static bool has_key(sv_word *rest, const char *key) {
+  const size_t n = strlen(key);
+  if (rest->n <= n || memcmp(rest->t, key, n) != 0) return false;
+  rest->t += n;
+  rest->n -= n;
+  return true;
+}
+
+// "#867c75" -> 0x867c75; 0 (black) for anything else.
+static uint32_t color_of(sv_word v) {
+  uint32_t rgb = 0;
+  if (v.n != 7 || v.t[0] != '#') return 0;
+  for (size_t i = 1; i < v.n; i++) {
+    const char c = v.t[i];
+    if (c >= '0' && c <= '9') rgb = rgb << 4 | (uint32_t)(c - '0');
+    else if (c >= 'a' && c <= 'f') rgb = rgb << 4 | (uint32_t)(c - 'a' + 10);
+    else return 0;
+  }
+  return rgb;
+}
+
+// Two that Brush writes, and our own; others are ignored.
+static void read_comment(sv_ply *p, sv_word rest) {
+  double x;
   while (rest.n && (*rest.t == ' ' || *rest.t == '\t')) {
     rest.t++;
     rest.n--;
   }
-  if (rest.n > sizeof axis - 1 && memcmp(rest.t, axis, sizeof axis - 1) == 0) {
-    rest.t += sizeof axis - 1;
-    rest.n -= sizeof axis - 1;
-    sv_word v = sv_word_next(&rest);
+  if (has_key(&rest, "Vertical axis:")) {
+    const sv_word v = sv_word_next(&rest);
     if (v.n && v.n < sizeof p->vertical) {
       memcpy(p->vertical, v.t, v.n);
       p->vertical[v.n] = 0;
     }
-  } else if (rest.n > sizeof up - 1 && memcmp(rest.t, up, sizeof up - 1) == 0) {
-    rest.t += sizeof up - 1;
-    rest.n -= sizeof up - 1;
-    sv_word v = sv_word_next(&rest);
+  } else if (has_key(&rest, "SplatUp:")) {
+    const sv_word v = sv_word_next(&rest);
     char word[4] = "";
     double ignored[3];
     if (v.n && v.n < sizeof word) memcpy(word, v.t, v.n);
     if (sv_up_axis(word, ignored)) memcpy(p->up, word, sizeof word);
-  } else if (rest.n > sizeof unit - 1 && memcmp(rest.t, unit, sizeof unit - 1) == 0) {
-    rest.t += sizeof unit - 1;
-    rest.n -= sizeof unit - 1;
+  } else if (has_key(&rest, "SplatUnit:")) {
     p->unit.is_metric = sv_word_is(sv_word_next(&rest), "m");
-  } else if (rest.n > sizeof sigma - 1 && memcmp(rest.t, sigma, sizeof sigma - 1) == 0) {
-    rest.t += sizeof sigma - 1;
-    rest.n -= sizeof sigma - 1;
+  } else if (has_key(&rest, "SplatScaleSigma:")) {
     const sv_word v = sv_word_next(&rest);
-    double x;
     if (sv_parse_double(v.t, v.n, &x) && x > 0 && x < 1) p->unit.scale_sigma = (float)x;
-  } else if (rest.n > sizeof mode - 1 && memcmp(rest.t, mode, sizeof mode - 1) == 0) {
-    rest.t += sizeof mode - 1;
-    rest.n -= sizeof mode - 1;
+  } else if (has_key(&rest, "SplatRenderMode:")) {
     p->is_mip = sv_word_is(sv_word_next(&rest), "mip");
-  } else if (rest.n > sizeof dilation - 1 && memcmp(rest.t, dilation, sizeof dilation - 1) == 0) {
-    rest.t += sizeof dilation - 1;
-    rest.n -= sizeof dilation - 1;
-    sv_word v = sv_word_next(&rest);
-    double px2;
-    if (sv_parse_double(v.t, v.n, &px2) && px2 > 0 && px2 < 100) p->dilation_px2 = (float)px2;
+  } else if (has_key(&rest, "SplatDilation:")) {
+    const sv_word v = sv_word_next(&rest);
+    if (sv_parse_double(v.t, v.n, &x) && x > 0 && x < 100) p->dilation_px2 = (float)x;
+  } else if (has_key(&rest, "SplatBackground:")) {
+    p->background = color_of(sv_word_next(&rest));
   }
 }
 

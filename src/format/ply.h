@@ -33,11 +33,12 @@ typedef struct {
   int sh_degree;   // 0..3; 0 for points
   bool has_colour; // points only; without, sv_ply_read_point gives mid grey
   bool is_ascii;
-  bool is_mip;        // Brush's "SplatRenderMode: mip"
-  float dilation_px2; // our "SplatDilation: 0.1": low-pass used in training, px^2; 0 when absent
-  char up[4];         // our "SplatUp: z": the up axis (src/format/axes.h); empty when absent
-  sv_unit unit;       // our "SplatUnit: m" and "SplatScaleSigma: 0.0005"
-  char vertical[4];   // Brush's "Vertical axis: y" ("y", "-y", "z", ...); empty when absent
+  bool is_mip;         // Brush's "SplatRenderMode: mip"
+  float dilation_px2;  // our "SplatDilation: 0.1": low-pass used in training, px^2; 0 when absent
+  char up[4];          // our "SplatUp: z": the up axis (src/format/axes.h); empty when absent
+  sv_unit unit;        // our "SplatUnit: m" and "SplatScaleSigma: 0.0005"
+  uint32_t background; // our "SplatBackground: #867c75", 0xRRGGBB; 0 when absent
+  char vertical[4];    // Brush's "Vertical axis: y" ("y", "-y", "z", ...); empty when absent
 
   const char *name; // from here on private to the reader
   const uint8_t *buf;
@@ -66,9 +67,10 @@ typedef struct {
   const char *vertical; // e.g. "-y"; NULL: no such comment
   const char *up;       // likewise: "SplatUp: z"
   bool is_mip;
-  float dilation_px2; // 0: no such comment
-  sv_unit unit;       // writes "SplatUnit: m", and "SplatScaleSigma: 0.0005" where it is known
-  bool has_normals;   // writes nx ny nz = 0, which some old readers require
+  float dilation_px2;  // 0: no such comment
+  sv_unit unit;        // writes "SplatUnit: m", and "SplatScaleSigma: 0.0005" where it is known
+  uint32_t background; // 0xRRGGBB; writes "SplatBackground: #rrggbb" unless black
+  bool has_normals;    // writes nx ny nz = 0, which some old readers require
 } sv_ply_options;
 
 typedef struct {

@@ -57,8 +57,12 @@ static bool header_line(const sv_ply_options *o, int i, char line[80]) {
     if (o->unit.scale_sigma > 0)
       sv_fmt(line, 80, "comment SplatScaleSigma: %.3g\n", (double)o->unit.scale_sigma);
     return true;
-  case 9: return sv_fmt(line, 80, "element vertex %u\n", o->n) > 0;
-  default: i -= 10;
+  case 9:
+    line[0] = 0;
+    if (o->background) sv_fmt(line, 80, "comment SplatBackground: #%06x\n", o->background);
+    return true;
+  case 10: return sv_fmt(line, 80, "element vertex %u\n", o->n) > 0;
+  default: i -= 11;
   }
   for (size_t k = 0; k < sizeof props / sizeof *props; k++) {
     if (k >= 3 && k < 6 && !o->has_normals) continue;

@@ -11,6 +11,7 @@
 #include "src/metric/metric.h"
 #include "src/train/seed.h"
 #include "src/train/stereo.h"
+#include "src/train/driver.h"
 #include "src/train/supersample.h"
 
 // --- exposures in --------------------------------------------------------------------------------
@@ -308,11 +309,9 @@ static sv_status save_ply(subview *s, sv_sink sink, sv_err *err) {
   float up[3] = {0};
   for (int i = 0; i < n; i++)
     for (int k = 0; k < 3; k++) up[k] -= s->views[i].r[3 + k];
-  const sv_model_notes notes = {
-      .is_mip = s->trainer.cfg.is_antialiased,
-      .dilation_px2 = s->trainer.cfg.dilation_px2,
-      .up = sv_up_name(up),
-      .unit = {.is_metric = s->rig.n_sub_views > 1, .scale_sigma = (float)s->rig.scale_sigma}};
+  sv_model_notes notes = sv_driver_notes(&s->trainer);
+  notes.up = sv_up_name(up);
+  notes.unit = (sv_unit){.is_metric = s->rig.n_sub_views > 1, .scale_sigma = (float)s->rig.scale_sigma};
   return sv_model_write_ply(&s->trainer.g, &notes, sink, &s->ply, err);
 }
 

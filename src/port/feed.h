@@ -145,6 +145,7 @@ typedef struct {
   uint32_t n_bodies, n_knots;        // together 0: no bodies
   float t0;                          // of powers
   float dilation_px2;                // low-pass of the splats
+  uint32_t background;               // behind the Gaussians, 0xRRGGBB
   float centre[3], radius;           // of the scene
   float eye[3], up[3], fov_y;        // a good first viewpoint (radians): the first training view
   float time_min, time_max, seconds; // of a moving scene: times of its exposures, and their

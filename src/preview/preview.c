@@ -378,6 +378,7 @@ static void publish_model(sv_preview *l) {
   m->n_floats = (uint32_t)n_floats;
   m->is_mip = t->cfg.is_antialiased;
   m->step = t->step;
+  m->background = t->background.rgb;
   m->dilation_px2 = t->cfg.dilation_px2 > 0 ? t->cfg.dilation_px2 : SV_DILATION_PX2;
   fill_viewpoint(l, m);
   fill_eyes(l, m);

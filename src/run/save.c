@@ -38,10 +38,9 @@ sv_unit sv_app_unit(const sv_app *app) {
 static sv_status write_model(sv_app *app, sv_sink sink, sv_err *err) {
   float up[3];
   sv_pictures_up(&app->trainer, up);
-  const sv_model_notes notes = {.is_mip = app->trainer.cfg.is_antialiased,
-                                .dilation_px2 = app->trainer.cfg.dilation_px2,
-                                .up = sv_up_name(up),
-                                .unit = sv_app_unit(app)};
+  sv_model_notes notes = sv_driver_notes(&app->trainer);
+  notes.up = sv_up_name(up);
+  notes.unit = sv_app_unit(app);
   return sv_model_write_ply(&app->trainer.g, &notes, sink, &app->files.ply, err);
 }
 

@@ -10,6 +10,7 @@ sv_status sv_model_write_ply(const sv_gaussians *g, const sv_model_notes *notes,
                       .dilation_px2 = notes->dilation_px2,
                       .up = notes->up,
                       .unit = notes->unit,
+                      .background = notes->background,
                       .has_normals = true};
   sv_status s = sv_gaussians_check(g, err);
   if (s >= 0) s = sv_ply_write_begin(w, sink, &o, err);

@@ -14,12 +14,14 @@ extern "C" {
 
 // What a file says beside the Gaussians: trained with anti-aliasing (Brush's "SplatRenderMode:
 // mip"), and with this low-pass (0: not said); up in the world (src/format/axes.h; NULL: not said);
-// the world's unit.
+// the world's unit; what is behind the
+// Gaussians, 0xRRGGBB.
 typedef struct {
   bool is_mip;
   float dilation_px2;
   const char *up;
   sv_unit unit;
+  uint32_t background;
 } sv_model_notes;
 // w: workspace of the call.
 sv_status sv_model_write_ply(const sv_gaussians *g, const sv_model_notes *notes, sv_sink sink,

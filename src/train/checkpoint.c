@@ -3,13 +3,15 @@
 
 #include <string.h>
 
+#define BACKGROUND_GUESS 0x1000000u // beside 0xRRGGBB
+
 typedef struct {
   int32_t n, sh_degree, n_items, i_order;
   uint32_t step, n_relocated;
   uint64_t rng_state, rng_inc;
   float centre[3], radius, jitter[2];
   sv_checkpoint_motion motion; // 0 for still scenes
-  uint32_t optimizer, unused;
+  uint32_t optimizer, background;
   double trained_s;
   uint64_t seed, origin; // of the run: another one has another order of views, or other pictures
 } head_t;
@@ -76,6 +78,7 @@ sv_status sv_checkpoint_write(const sv_trainer *t, sv_sink sink, sv_err *err) {
   h.seed = t->cfg.seed;
   h.origin = t->origin;
   h.optimizer = (uint32_t)t->cfg.optimizer;
+  h.background = t->background.rgb | (t->background.is_guess ? BACKGROUND_GUESS : 0);
   if (SV_TRAIN_HAS(t, save_head)) t->hooks->save_head(t->hooked, &h.motion);
   s = sv_sections_begin(&w, sink, SV_CHECKPOINT_KIND, SV_CHECKPOINT_VERSION, err);
   if (s >= 0) s = sv_sections_put(&w, "HEAD", &h, sizeof h, err);
@@ -188,6 +191,8 @@ sv_status sv_checkpoint_read(sv_trainer *t, const char *name, const void *buf, s
   t->i_order = h.i_order;
   t->step = h.step;
   t->n_relocated = h.n_relocated;
+  t->background.rgb = h.background & 0xffffff;
+  t->background.is_guess = (h.background & BACKGROUND_GUESS) != 0;
   t->trained_s = h.trained_s;
   memcpy(t->jitter, h.jitter, sizeof t->jitter);
   t->rng = (sv_rng){h.rng_state, h.rng_inc};

@@ -452,7 +452,7 @@ sv_status sv_driver_training_psnr(sv_trainer *t, double *psnr) {
 // --- settings ------------------------------------------------------------------------------------
 
 const char *sv_background_name(sv_background b) {
-  static const char *const names[] = {"black", "white", "random"};
+  static const char *const names[] = {"black", "white", "random", "backdrop", "pictures"};
   return (unsigned)b < sizeof names / sizeof *names ? names[b] : "?";
 }
 
@@ -460,8 +460,14 @@ static void add_number(sv_str *out, const char *key, double v) { sv_str_add(out,
 
 void sv_driver_add_settings(sv_str *out, const sv_trainer *t) {
   const sv_train_cfg *c = &t->cfg;
+  char of_pictures[8];
+  const char *background = sv_background_name(c->background);
+  if (c->background == SV_BG_BACKDROP || c->background == SV_BG_OF_PICTURES) {
+    sv_fmt(of_pictures, sizeof of_pictures, "#%06x", t->background.rgb);
+    background = t->background.rgb ? of_pictures : sv_background_name(SV_BG_BLACK);
+  }
   sv_str_add(out, "\"sh\": %d, \"background\": \"%s\", \"optimizer\": \"%s\", \"seed\": %llu", c->sh_degree,
-             sv_background_name(c->background), sv_optimizer_name(c->optimizer), (unsigned long long)c->seed);
+             background, sv_optimizer_name(c->optimizer), (unsigned long long)c->seed);
   sv_str_add(out, ", \"antialiased\": %s, \"novel_views\": %d", c->is_antialiased ? "true" : "false",
              c->n_novel);
   add_number(out, "loss_ssim", (double)c->weight_ssim);
@@ -480,4 +486,9 @@ void sv_driver_add_settings(sv_str *out, const sv_trainer *t) {
   add_number(out, "scene_radius", (double)t->radius);
   sv_str_add(out, ", \"scene_centre\": [%.9g, %.9g, %.9g]", (double)t->centre[0], (double)t->centre[1],
              (double)t->centre[2]);
+}
+
+sv_model_notes sv_driver_notes(const sv_trainer *t) {
+  return (sv_model_notes){
+      .is_mip = t->cfg.is_antialiased, .dilation_px2 = t->cfg.dilation_px2, .background = t->background.rgb};
 }

@@ -9,6 +9,7 @@
 #include "src/base/str.h"
 #include "src/port/port.h"
 #include "src/rig/bounds.h"
+#include "src/splat/model_file.h"
 #include "src/splat/support.h"
 #include "src/train/time_stats.h"
 #include "src/train/objective.h"
@@ -151,6 +152,8 @@ sv_status sv_driver_training_psnr(sv_trainer *t, double *psnr) SV_MUST_USE;
 const char *sv_background_name(sv_background b); // "black"
 // The settings that the trainer works with, as JSON members: "\"sh\": 1, ..., \"seed\": 1".
 void sv_driver_add_settings(sv_str *out, const sv_trainer *t);
+// What a file of the model says of how it is rendered; up and unit are the caller's to fill in.
+sv_model_notes sv_driver_notes(const sv_trainer *t);
 
 #ifdef __cplusplus
 }

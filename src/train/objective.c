@@ -20,6 +20,13 @@
 // Steps between two searches for Gaussians that none of a few exposures sees.
 #define HIDDEN_EVERY 500
 
+// What no picture shows is seen from elsewhere, and few exposures leave much of it
+// (docs/notes/few-exposures.md).
+static sv_background background_of(const sv_sampling *s) {
+  if (s->is_multiplexed) return SV_BG_BLACK;
+  return s->is_moving || s->n_exposures >= MANY_EXPOSURES ? SV_BG_BACKDROP : SV_BG_OF_PICTURES;
+}
+
 // Few exposures leave the space around a scene open to Gaussians in the background's color, which
 // no training view tells from nothing. With one exposure, what is behind its edges would be empty.
 static float random_until(const sv_train_cfg *cfg, const sv_sampling *s) {
@@ -164,8 +171,9 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   // its rays.
   const bool is_few = s->n_exposures <= SV_FEW_EXPOSURES;
   const bool is_single = s->n_exposures * s->n_sub_views == 1;
+  const bool is_uncertain = s->is_far || (is_few && s->n_sub_views == 1);
   if (is_single) cfg->newton.damping_mean = cfg->newton.damping;
-  cfg->optimizer = s->is_moving || (s->is_far && (s->is_multiplexed || !is_single))
+  cfg->optimizer = s->is_moving || (is_uncertain && (s->is_multiplexed || !is_single))
                        ? SV_OPTIMIZER_MIXED
                        : SV_OPTIMIZER_GAUSS_NEWTON;
   // The times added last need the full rate, too.
@@ -174,6 +182,7 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   // gives the same quality for a quarter of the work.
   cfg->is_supersampled = is_grid && !s->is_multiplexed;
   cfg->supersample_from = 0.7f;
+  cfg->background = background_of(s);
   cfg->random_until = random_until(cfg, s);
   if (s->n_exposures < MANY_EXPOSURES && !s->is_moving) cfg->hidden_every = HIDDEN_EVERY;
   cfg->dropout = dropout_of(s, is_grid);

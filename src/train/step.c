@@ -6,6 +6,7 @@
 
 #include "src/base/mathx.h"
 #include "src/splat/constants.h"
+#include "src/train/background.h"
 #include "src/train/curvature.h"
 #include "src/train/mask.h"
 #include "src/train/hidden.h"
@@ -174,7 +175,7 @@ sv_render_options sv_train_render_options(const sv_trainer *t, float progress, b
                          .dilation_px2 = t->cfg.dilation_px2,
                          .has_depth = has_depth};
   if (t->cfg.sh_step > 0.0f) o.sh_degree = sv_mini(t->cfg.sh_degree, (int)(progress / t->cfg.sh_step));
-  if (t->cfg.background == SV_BG_WHITE) o.bg[0] = o.bg[1] = o.bg[2] = 1.0f;
+  sv_train_background_color(t->cfg.background, t->background.rgb, o.bg);
   return o;
 }
 
@@ -196,7 +197,7 @@ static sv_status begin_image(sv_trainer *t, const sv_train_choice *c, const sv_r
                          .weight = 1.0f};
   float *bg = im->options.bg;
   const bool is_random = t->cfg.background == SV_BG_RANDOM || c->progress < t->cfg.random_until;
-  if (is_random && tv->image.n_channels == 4)
+  if (sv_train_is_background_drawn(t, c->progress) || (is_random && tv->image.n_channels == 4))
     for (int k = 0; k < 3; k++) bg[k] = sv_rng_f(&t->rng);
   sv_status s = SV_OK;
   if (SV_TRAIN_HAS(t, before_render)) s = t->hooks->before_render(t->hooked, im);

@@ -6,6 +6,7 @@
 #include "src/base/mathx.h"
 #include "src/base/str.h"
 #include "src/splat/constants.h"
+#include "src/train/background.h"
 #include "src/train/novel.h"
 #include "src/train/optimize.h"
 #include "src/train/supersample.h"
@@ -366,6 +367,7 @@ sv_status sv_train_start(sv_trainer *t, const sv_init_cfg *init, const sv_point 
   sv_appearance_reset(&t->appearance, &t->cfg.appearance);
   if (SV_TRAIN_HAS(t, start)) t->hooks->start(t->hooked);
   sv_train_set_floors(t);
+  t->background = sv_train_background_of_views(t);
   return SV_OK;
 }
 

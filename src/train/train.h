@@ -59,6 +59,12 @@ typedef struct {
   int32_t *copies, *source; // [cap]
 } sv_relocation;
 
+// What is behind the model (background.h).
+typedef struct {
+  uint32_t rgb;  // 0xRRGGBB
+  bool is_guess; // nobody knows what it looks like
+} sv_train_background;
+
 #define SV_TRAIN_SUM_MORE 4 // rows of sv_trainer.sum beside those of the parameters
 
 struct sv_trainer {
@@ -117,6 +123,7 @@ struct sv_trainer {
   float newest_time, reference_time;
   float jitter[2];         // this epoch's shift of the regions, of a region
   float centre[3], radius; // of the scene
+  sv_train_background background;
   uint32_t step;
   uint32_t n_relocated; // ever
   double trained_s;     // kept for a caller who trains by time: that of the runs before a resumed

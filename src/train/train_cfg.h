@@ -22,7 +22,9 @@
 extern "C" {
 #endif
 
-typedef enum { SV_BG_BLACK, SV_BG_WHITE, SV_BG_RANDOM } sv_background;
+// What is behind the model. The last two look at pictures without alpha (background.h): BACKDROP at
+// a flat backdrop's color, black where there is none; OF_PICTURES at their mean color then.
+typedef enum { SV_BG_BLACK, SV_BG_WHITE, SV_BG_RANDOM, SV_BG_BACKDROP, SV_BG_OF_PICTURES } sv_background;
 
 // Adam's learning rates.
 typedef struct {
@@ -90,7 +92,7 @@ typedef struct sv_train_cfg {
   uint32_t cap_intersections;
   int n_threads; // Threads of the pool, at most. Default 1.
   uint64_t seed; // Seed of all random draws. Default 1.
-  // What images with alpha are laid over; others are trained over black. Default black.
+  // What images are laid over: random colors where they have alpha, black where not. Default black.
   sv_background background;
   // Progress until which images with alpha, and measurements of which it is known what their lenses
   // see through, are laid over random colors whatever `background` is:

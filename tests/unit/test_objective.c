@@ -68,6 +68,15 @@ TEST(test_settling) {
   }
 }
 
+// What a few exposures of a still scene do not show is seen from elsewhere.
+TEST(test_background) {
+  for (int n = 1; n <= 30; n++) {
+    assert_int_equal(of(n, 2, false, false).background, n < 18 ? SV_BG_OF_PICTURES : SV_BG_BACKDROP);
+    assert_int_equal(of(n, 2, false, true).background, SV_BG_BACKDROP);
+    assert_int_equal(of(n, 16, true, false).background, SV_BG_BLACK);
+  }
+}
+
 // A few exposures tell what is transparent by random backgrounds while the model takes shape.
 TEST(test_random_backgrounds) {
   assert_true(sv_train_defaults().random_until == 0);
@@ -184,10 +193,11 @@ TEST(test_large_pictures) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_dropout),        cmocka_unit_test(test_relocated_share),
-      cmocka_unit_test(test_settling),       cmocka_unit_test(test_random_backgrounds),
-      cmocka_unit_test(test_weight_of_many), cmocka_unit_test(test_smooth_depth),
-      cmocka_unit_test(test_opacity_until),  cmocka_unit_test(test_far),
-      cmocka_unit_test(test_novel_views),    cmocka_unit_test(test_large_pictures)};
+      cmocka_unit_test(test_dropout),       cmocka_unit_test(test_relocated_share),
+      cmocka_unit_test(test_settling),      cmocka_unit_test(test_random_backgrounds),
+      cmocka_unit_test(test_background),    cmocka_unit_test(test_weight_of_many),
+      cmocka_unit_test(test_smooth_depth),  cmocka_unit_test(test_opacity_until),
+      cmocka_unit_test(test_far),           cmocka_unit_test(test_novel_views),
+      cmocka_unit_test(test_large_pictures)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -196,7 +196,10 @@ static const sv_option table[] = {
      0, 0, 0},
     {"scale", SV_OPT_INT, DATA, 0, AT(scale), "K", "downscale images to 1/K [1]", 1, 64, 0},
     {"background", SV_OPT_WORD, DATA, 0, AT(background), "black|white|random",
-     "background of transparent images [black]; evaluation replaces random with black", 0, 0, 0},
+     "what is behind the model: under transparent images, and where no Gaussian is [black; of still "
+     "scenes whose images have no alpha a flat backdrop's color, else their mean color]; evaluation "
+     "replaces random with black",
+     0, 0, 0},
     HEADING("Model and start"),
     {"model", SV_OPT_WORD, LAB_TRAIN, 0, AT(method), "3dgs|4dgs",
      "static Gaussians, or Gaussians that move with the time of the images [3dgs]", 0, 0, 0},

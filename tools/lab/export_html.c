@@ -22,6 +22,7 @@ static sv_feed_model *snapshot(const lab_model *m, const lab_settings *st) {
                        .n_floats = (uint32_t)n_floats,
                        .is_mip = m->is_mip,
                        .dilation_px2 = st->dilation_px2,
+                       .background = m->background,
                        .radius = st->radius,
                        .is_metric = m->unit.is_metric,
                        .scale_sigma = m->unit.scale_sigma,

@@ -66,11 +66,12 @@ typedef struct {
   sv_gaussians g;
   void *block;
   bool is_mip;
-  float dilation_px2; // 0: not said
-  sv_unit unit;       // as the file says
-  char up[4];         // empty: not said
-  uint64_t digest;    // as sv_train_digest
-  sv_deform deform;   // of motion.bin beside the model; kind NONE without
+  float dilation_px2;  // 0: not said
+  sv_unit unit;        // as the file says
+  uint32_t background; // likewise, 0xRRGGBB
+  char up[4];          // empty: not said
+  uint64_t digest;     // as sv_train_digest
+  sv_deform deform;    // of motion.bin beside the model; kind NONE without
   void *deform_block;
   struct lab_sequence *sequence; // of a model that was read from a sequence; else NULL
 } lab_model;
@@ -110,6 +111,7 @@ typedef struct {
   char told_by[SV_CAP_PATH];
   char refined[SV_CAP_PATH]; // the training file with refined poses, beside the model; empty: none
   sv_background background;
+  uint32_t color; // with OF_PICTURES, 0xRRGGBB
   int scale;
   int n_exposures; // trained on; 0: all
   bool is_antialiased;

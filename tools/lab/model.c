@@ -8,6 +8,7 @@
 #include "src/deform/deform_file.h"
 #include "src/format/ply.h"
 #include "src/splat/constants.h"
+#include "src/train/background.h"
 #include "src/train/driver.h"
 #include "tools/lab/lab.h"
 #include "tools/lab/model_formats.h"
@@ -32,6 +33,7 @@ static sv_status fill(lab_model *m, const char *path, sv_ply *ply, sv_err *err) 
   m->dilation_px2 = ply->dilation_px2;
   memcpy(m->up, ply->up, sizeof m->up);
   m->unit = ply->unit;
+  m->background = ply->background;
   return SV_OK;
 }
 
@@ -145,8 +147,11 @@ sv_status lab_motion_at(const lab_motion *m, const lab_session *s, sv_gaussians 
 }
 
 sv_model_notes lab_model_notes(const lab_model *m) {
-  return (sv_model_notes){
-      .is_mip = m->is_mip, .dilation_px2 = m->dilation_px2, .up = m->up[0] ? m->up : NULL, .unit = m->unit};
+  return (sv_model_notes){.is_mip = m->is_mip,
+                          .dilation_px2 = m->dilation_px2,
+                          .up = m->up[0] ? m->up : NULL,
+                          .unit = m->unit,
+                          .background = m->background};
 }
 
 sv_status lab_model_begin(sv_file *f, const sv_gaussians *g, const sv_model_notes *notes, const char *path,
@@ -254,6 +259,10 @@ sv_status lab_settings_for(lab_settings *st, const lab_options *o, const lab_mod
   st->dilation_px2 = m->dilation_px2;
   sv_status s = lab_settings_read(st, o->model, err);
   if (s != SV_OK) return s;
+  if (st->background == SV_BG_BLACK && m->background) {
+    st->background = SV_BG_OF_PICTURES;
+    st->color = m->background;
+  }
   if (o->background) st->background = lab_background_by_name(o->background);
   if (o->scale > 0) st->scale = (int)o->scale;
   if (o->transforms && !sv_copy(st->transforms, sizeof st->transforms, o->transforms))
@@ -276,11 +285,11 @@ sv_status lab_settings_for(lab_settings *st, const lab_options *o, const lab_mod
 }
 
 sv_render_options lab_render_options(const lab_settings *st, int sh_degree, bool has_depth) {
-  float bg = st->background == SV_BG_WHITE ? 1.0f : 0.0f;
-  return (sv_render_options){.sh_degree = sh_degree,
-                             .near_z = st->near_z,
-                             .is_antialiased = st->is_antialiased,
-                             .dilation_px2 = st->dilation_px2,
-                             .has_depth = has_depth,
-                             .bg = {bg, bg, bg}};
+  sv_render_options o = {.sh_degree = sh_degree,
+                         .near_z = st->near_z,
+                         .is_antialiased = st->is_antialiased,
+                         .dilation_px2 = st->dilation_px2,
+                         .has_depth = has_depth};
+  sv_train_background_color(st->background, st->color, o.bg);
+  return o;
 }

@@ -61,7 +61,6 @@ static sv_train_cfg train_cfg(const lab_options *o, sv_dynamic_cfg *d) {
   if (o->gaussians > 0) c.n_gaussians = (int)o->gaussians;
   if (o->sh >= 0) c.sh_degree = (int)o->sh;
   if (o->seed >= 0) c.seed = (uint64_t)o->seed;
-  c.background = lab_background_by_name(o->background);
   *d = sv_dynamic_defaults();
   if (o->method && sv_str_eq(o->method, "4dgs")) lab_dynamic_cfg(o, 0, 0, d);
   c.has_motion = d->kind != SV_DEFORM_NONE;
@@ -81,6 +80,7 @@ static void choose_objective(run *r) {
   r->is_standing = s.is_moving && s.n_exposures == 1;
   s.is_far = o->init && (sv_str_eq(o->init, "sphere") || sv_str_eq(o->init, "cube"));
   sv_driver_set_objective(c, &s, o->optimizer ? 1 + sv_optimizer_by_name(o->optimizer) : 0);
+  if (o->background) c->background = lab_background_by_name(o->background);
   if (o->ssim >= 0) c->weight_ssim = o->ssim;
   if (o->tv >= 0) c->weight_tv = o->tv;
   if (o->tv_novel >= 0) c->weight_tv_novel = o->tv_novel;
@@ -455,10 +455,9 @@ static sv_status save_in(run *r, const char *folder, sv_err *err) {
   sv_file files[N_FILES];
   char model[SV_CAP_PATH], path[SV_CAP_PATH];
   lab_report j;
-  const sv_model_notes notes = {.is_mip = r->plan.trainer.cfg.is_antialiased,
-                                .dilation_px2 = r->plan.trainer.cfg.dilation_px2,
-                                .up = sv_up_name(r->scene.up),
-                                .unit = r->views.unit};
+  sv_model_notes notes = sv_driver_notes(&r->plan.trainer);
+  notes.up = sv_up_name(r->scene.up);
+  notes.unit = r->views.unit;
   const bool is_dynamic = r->plan.trainer.cfg.has_motion;
   const sv_gaussians *g = &r->plan.trainer.g;
   for (int i = 0; i < N_FILES; i++) sv_file_init(&files[i]);

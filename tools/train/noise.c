@@ -50,7 +50,8 @@ sv_status lab_noise_add(const lab_views *v, const lab_plan *p, const sv_noise_mo
   const uint64_t seed = cfg->seed;
   job j = {.v = v, .p = p, .model = *m, .seed = sv_hash3((uint32_t)seed, (uint32_t)(seed >> 32), 0x6e01)};
   for (int i = 0; i < v->n; i++)
-    if (v->frames[i].i_measurement < 0 && v->frames[i].n_channels == 4 && cfg->background != SV_BG_BLACK)
+    if (v->frames[i].i_measurement < 0 && v->frames[i].n_channels == 4 &&
+        (cfg->background == SV_BG_WHITE || cfg->background == SV_BG_RANDOM))
       return sv_fail(err, SV_E_ARG, "%s: has alpha, which --noise blends over black; use --background black",
                      v->frames[i].path);
   size_t bytes = sv_noise_bytes() + SV_ARENA_ALIGN;

@@ -27,7 +27,7 @@ function decode(buffer, id) {
   const at = 128 + 34 * n, motion_at = (at + n * n_sh + 3) & ~3;
   const model = {
     id, n, degree, n_sh, moving, n_motion, kind: u(8), n_pos: u(9), n_rot: u(10), n_colour: u(11),
-    is_mip: u(4) !== 0, t0: head.getFloat32(64 + 56, true), unit: head.getFloat32(64 + 60, true), dilation: head.getFloat32(48, true), time: null,
+    is_mip: (u(4) & 1) !== 0, t0: head.getFloat32(64 + 56, true), unit: head.getFloat32(64 + 60, true), dilation: head.getFloat32(48, true), time: null,
     still: new Float32Array(buffer, 128, 3 * n), halves: new Uint16Array(buffer, 128 + 12 * n, 11 * n),
     sh: new Int8Array(buffer, at, n * n_sh), motion: new Float32Array(buffer, motion_at, moving * n_motion),
     place: new Float32Array(3 * n), scale: new Float32Array(3 * n), turn: new Float32Array(4 * n),

@@ -40,7 +40,8 @@ class SplatView {
     if (buffer.byteLength < 128 || u(0) !== 0x32475653) return false;
     const n = u(1), sh = (3 * ((u(5) + 1) ** 2 - 1) * n + 3) & ~3;
     if (u(5) > 3 || buffer.byteLength < 128 + 34 * n + sh + 4 * u(6) * u(7)) return false;
-    this.n = n, this.step = u(2), this.is_mip = u(4), this.dilation = head.getFloat32(48, true), this.model++;
+    this.n = n, this.step = u(2), this.is_mip = u(4) & 1, this.dilation = head.getFloat32(48, true), this.model++;
+    this.canvas.style.background = u(4) >>> 8 ? "#" + (u(4) >>> 8).toString(16).padStart(6, "0") : "";
     this.is_metric = u(15) & 1, this.n_eyes = (u(15) >> 8) & 255, this.scale_sigma = (u(15) >>> 16) / 1e6;
     this.clip = u(8) ? { first: f(11), last: f(12), seconds: f(13) } : null;
     const home = { target: [f(0), f(1), f(2)], radius: f(3), eye: [f(4), f(5), f(6)], up: [f(7), f(8), f(9)], fov: f(10) };
@@ -65,6 +66,7 @@ class SplatView {
   }
 
   clear() {
+    this.canvas.style.background = "";
     this.n = this.drawn = 0, this.home = this.camera = this.clip = null, this.is_playing = false;
     if (this.graphics) this.graphics.drawn = 0;
     else this.plane.clearRect(0, 0, this.canvas.width, this.canvas.height);
