@@ -196,9 +196,9 @@ static const sv_option table[] = {
      0, 0, 0},
     {"scale", SV_OPT_INT, DATA, 0, AT(scale), "K", "downscale images to 1/K [1]", 1, 64, 0},
     {"background", SV_OPT_WORD, DATA, 0, AT(background), "black|white|random",
-     "what is behind the model: under transparent images, and where no Gaussian is [black; of still "
-     "scenes whose images have no alpha a flat backdrop's color, else their mean color]; evaluation "
-     "replaces random with black",
+     "what is behind the model: under transparent images, and where no Gaussian is [black; without "
+     "alpha a flat backdrop's color, and of up to 17 exposures of a still scene else the images' mean "
+     "color]; evaluation replaces random with black",
      0, 0, 0},
     HEADING("Model and start"),
     {"model", SV_OPT_WORD, LAB_TRAIN, 0, AT(method), "3dgs|4dgs",
