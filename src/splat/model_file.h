@@ -14,8 +14,7 @@ extern "C" {
 
 // What a file says beside the Gaussians: trained with anti-aliasing (Brush's "SplatRenderMode:
 // mip"), and with this low-pass (0: not said); up in the world (src/format/axes.h; NULL: not said);
-// the world's unit; what is behind the
-// Gaussians, 0xRRGGBB.
+// the world's unit; what is behind the Gaussians, 0xRRGGBB.
 typedef struct {
   bool is_mip;
   float dilation_px2;

@@ -7,7 +7,6 @@
 #define FLAT_WITHIN 10  // of 255, in each channel
 #define FLAT_PART   4   // one of so many pixels
 #define BLACK_PART  8
-#define DRAWN_FROM  0.8f
 #define DRAWN_SHARE 0.25f
 
 // Calls `each` with the sampled pixels that count.
@@ -68,11 +67,11 @@ static uint32_t mean_of(const tally *c) {
 }
 
 sv_train_background sv_train_background_of_views(const sv_trainer *t) {
-  const sv_train_background black_one = {0};
+  const sv_train_background plain = {0}; // black
   const bool is_wanted = t->cfg.background == SV_BG_BACKDROP || t->cfg.background == SV_BG_OF_PICTURES;
-  if (!is_wanted || t->n_views < 1 || t->n_measurements > 0 || t->cfg.is_deep) return black_one;
+  if (!is_wanted || t->n_views < 1 || t->n_measurements > 0 || t->cfg.is_deep) return plain;
   for (int v = 0; v < t->n_views; v++)
-    if (t->views[v].image.n_channels != 3) return black_one;
+    if (t->views[v].image.n_channels != 3) return plain;
   histograms h = {0};
   tally all = {.within = 255}, black = {.within = FLAT_WITHIN}, flat = {.within = FLAT_WITHIN};
   visit(t, add_to_histograms, &h);
@@ -80,14 +79,14 @@ sv_train_background sv_train_background_of_views(const sv_trainer *t) {
   visit(t, add_if_near, &all);
   visit(t, add_if_near, &black);
   visit(t, add_if_near, &flat);
-  if (all.n < 1 || black.n * BLACK_PART >= all.n) return black_one;
+  if (all.n < 1 || black.n * BLACK_PART >= all.n) return plain;
   if (flat.n * FLAT_PART >= all.n) return (sv_train_background){.rgb = mean_of(&flat)};
-  if (t->cfg.background == SV_BG_BACKDROP) return black_one;
+  if (t->cfg.background == SV_BG_BACKDROP) return plain;
   return (sv_train_background){.rgb = mean_of(&all), .is_guess = true};
 }
 
 bool sv_train_is_background_drawn(sv_trainer *t, float progress) {
-  return t->background.is_guess && progress > DRAWN_FROM && sv_rng_f(&t->rng) < DRAWN_SHARE;
+  return t->background.is_guess && progress > t->cfg.relocate_until && sv_rng_f(&t->rng) < DRAWN_SHARE;
 }
 
 void sv_train_background_color(sv_background b, uint32_t color, float bg[3]) {

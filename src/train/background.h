@@ -17,8 +17,8 @@ extern "C" {
 // in 16 bits. Always the same for the same pictures.
 sv_train_background sv_train_background_of_views(const sv_trainer *t);
 // Whether this step has a random color instead: before a guess, what has about its color may stay
-// transparent, to players that lay it over black and to meshes. Drawn, at the end of a run; earlier
-// it would be closed by Gaussians before the cameras (docs/notes/few-exposures.md).
+// transparent, to players that lay it over black and to meshes. Drawn, after the last relocation;
+// earlier it would be closed by Gaussians before the cameras (docs/notes/few-exposures.md).
 bool sv_train_is_background_drawn(sv_trainer *t, float progress);
 // What a finished model is rendered over, RGB in 0..1: black for RANDOM. color: of the pictures.
 void sv_train_background_color(sv_background b, uint32_t color, float bg[3]);
