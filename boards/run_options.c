@@ -82,7 +82,7 @@ static const sv_option rows[] = {
      0, 3, NULL},
     {"optimizer", SV_OPT_WORD, 1, 0, AT(optimizer), "adam|gauss-newton|mixed",
      "[gauss-newton; mixed (means by gauss-newton, the rest by adam) in moving "
-     "scenes]",
+     "scenes, and of two or three exposures of one camera]",
      0, 0, NULL},
     {"prior", SV_OPT_WORD, 1, 0, AT(prior), "none|fsgs|sparsegs",
      "sparse-view prior for static scenes (docs/priors.md) [none]", 0, 0, NULL},

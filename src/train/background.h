@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The color behind the model when pictures have no alpha: what no Gaussian covers, because no
-// picture shows it, has it from elsewhere. Black there is the worst guess in a room, and training
-// makes large dark Gaussians of it at the borders of the pictures (docs/notes/few-exposures.md).
+// picture shows it, has it from elsewhere. Black there is a bad guess in a room
+// (docs/notes/few-exposures.md).
 #ifndef SV_TRAIN_BACKGROUND_H
 #define SV_TRAIN_BACKGROUND_H
 

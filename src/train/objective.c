@@ -171,7 +171,7 @@ void sv_train_set_objective(sv_train_cfg *cfg, const sv_sampling *s) {
   // its rays.
   const bool is_few = s->n_exposures <= SV_FEW_EXPOSURES;
   const bool is_single = s->n_exposures * s->n_sub_views == 1;
-  const bool is_uncertain = s->is_far || (is_few && s->n_sub_views == 1);
+  const bool is_uncertain = s->is_far || (is_few && s->n_sub_views == 1 && !s->is_multiplexed);
   if (is_single) cfg->newton.damping_mean = cfg->newton.damping;
   cfg->optimizer = s->is_moving || (is_uncertain && (s->is_multiplexed || !is_single))
                        ? SV_OPTIMIZER_MIXED

@@ -164,6 +164,17 @@ TEST(test_far) {
   }
 }
 
+// Two or three exposures of one camera: means alone by Gauss-Newton.
+TEST(test_one_camera) {
+  for (int n = 1; n <= 30; n++) {
+    const bool is_mixed = n == 2 || n == 3;
+    assert_int_equal(of(n, 1, false, false).optimizer,
+                     is_mixed ? SV_OPTIMIZER_MIXED : SV_OPTIMIZER_GAUSS_NEWTON);
+    assert_int_equal(of(n, 2, false, false).optimizer, SV_OPTIMIZER_GAUSS_NEWTON);
+    assert_int_equal(of(n, 1, true, false).optimizer, SV_OPTIMIZER_GAUSS_NEWTON);
+  }
+}
+
 static sv_train_cfg of_pixels(int n_px, int n_steps, int n_exposures, bool is_moving) {
   sv_train_cfg c = sv_train_defaults();
   c.expected_steps = n_steps;
@@ -193,11 +204,11 @@ TEST(test_large_pictures) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_dropout),       cmocka_unit_test(test_relocated_share),
-      cmocka_unit_test(test_settling),      cmocka_unit_test(test_random_backgrounds),
-      cmocka_unit_test(test_background),    cmocka_unit_test(test_weight_of_many),
-      cmocka_unit_test(test_smooth_depth),  cmocka_unit_test(test_opacity_until),
-      cmocka_unit_test(test_far),           cmocka_unit_test(test_novel_views),
-      cmocka_unit_test(test_large_pictures)};
+      cmocka_unit_test(test_dropout),        cmocka_unit_test(test_relocated_share),
+      cmocka_unit_test(test_settling),       cmocka_unit_test(test_random_backgrounds),
+      cmocka_unit_test(test_background),     cmocka_unit_test(test_one_camera),
+      cmocka_unit_test(test_weight_of_many), cmocka_unit_test(test_smooth_depth),
+      cmocka_unit_test(test_opacity_until),  cmocka_unit_test(test_far),
+      cmocka_unit_test(test_novel_views),    cmocka_unit_test(test_large_pictures)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

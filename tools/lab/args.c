@@ -227,7 +227,7 @@ static const sv_option table[] = {
      0.01, 1e7, 0},
     {"optimizer", SV_OPT_WORD, LAB_TRAIN, 0, AT(optimizer), "adam|gauss-newton|mixed",
      "optimizer [gauss-newton; mixed (means by gauss-newton, the rest by adam) in "
-     "moving scenes, and with --init sphere or cube]",
+     "moving scenes, with --init sphere or cube, and of two or three exposures of one camera]",
      0, 0, 0},
     {"loss", SV_OPT_TEXT, LAB_TRAIN, 0, AT(loss), "k=v,...",
      "ssim, tv, opacity, scale, tv_novel; novel[_every|_px|_deg], region, floor, dilation, supersample "

@@ -111,7 +111,7 @@ typedef struct {
   char told_by[SV_CAP_PATH];
   char refined[SV_CAP_PATH]; // the training file with refined poses, beside the model; empty: none
   sv_background background;
-  uint32_t color; // with OF_PICTURES, 0xRRGGBB
+  uint32_t color; // of OF_PICTURES, 0xRRGGBB
   int scale;
   int n_exposures; // trained on; 0: all
   bool is_antialiased;
