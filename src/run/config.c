@@ -117,10 +117,7 @@ sv_train_cfg sv_app_train_cfg(const sv_app_cfg *c, int n_threads) {
                                 .largest_px = largest_px,
                                 .is_multiplexed = is_multiplexed(c)};
   sv_driver_set_objective(&t, &sampling, c->optimizer);
-  if (c->is_continuous) {
-    t.hidden_every = 0;  // earlier exposures may have seen it
-    t.weight_smooth = 0; // costs steps, and the newest exposure gains nothing
-  }
+  if (c->is_continuous) t.hidden_every = 0; // earlier exposures may have seen it
   const sv_prior_cfg prior = sv_app_prior_cfg(c, t.cap_views);
   sv_prior_prepare(&prior, &t);
   if (c->is_refining) {

@@ -11,7 +11,7 @@
 #include "src/train/objective.h"
 #include "src/dynamic/renew.h"
 
-#define CONTINUOUS_RATE 3.0f
+#define CONTINUOUS_RATE 1.5f
 #define FIND_EVERY      16   // exposures between two searches for what moves
 #define STEADY_PROGRESS 0.5f // all detail is on, and dead Gaussians are relocated
 // of a Gaussian; a smaller one only blinks, and Adam never ends shrinking it
@@ -40,7 +40,7 @@ void sv_app_plan_moving(const sv_app_cfg *c, sv_train_cfg *t) {
   t->lr.quat *= CONTINUOUS_RATE;
   t->lr.scale *= CONTINUOUS_RATE;
   t->lr.sh0 *= 2 * CONTINUOUS_RATE;
-  t->lr.logit *= 2;
+  t->lr.logit *= 2 * CONTINUOUS_RATE;
   t->start_scale = 1;
   t->relocate_until = 1;
   t->reg_opacity_until = 1;
@@ -69,11 +69,10 @@ sv_dynamic_cfg sv_app_dynamic_cfg(const sv_app_cfg *c) {
   d.lr_window = d.window_start = 0; // windows in a time that has no end
   d.from = d.grow_until = 0;
   d.find_every = d.find_until = 0; // by exposures instead
-  // Five of six steps see the newest exposure, the others those of the ring in turn: they keep the
-  // shape of what is still, and would drag back what moves fast. What appears and disappears does
-  // so by opacity and colour, faster than it could travel; what the newest images show elsewhere is
-  // put there (src/dynamic/renew.h).
-  d.older_every = 6;
+  // One step of 60 sees an exposure of the ring, in turn, all others the newest: older ones drag
+  // back what moves. What appears and disappears does so by opacity and color, faster than it
+  // could travel; what the newest images show elsewhere is put there (src/dynamic/renew.h).
+  d.older_every = 60;
   d.keep_hidden = sv_mini(sv_maxi(c->n_exposures, d.keep_hidden), 254);
   return d;
 }

@@ -12,7 +12,7 @@
 #include "src/train/train_stats.h"
 
 #define WORLD_CAP_FILES 8
-#define WORLD_CAP_FILE  (6u << 20)
+#define WORLD_CAP_FILE  (10u << 20)
 #define WORLD_CAP_LINES 64
 
 // --- a store in memory, atomic as the port asks --------------------------------------------------

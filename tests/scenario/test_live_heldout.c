@@ -15,7 +15,7 @@
 #define N_SKIPPED  20 // exposures, of the start
 #define EVERY      3  // of the others is looked at
 #define EXPOSURE_S 0.1
-#define MAX_LOSS   2.6 // dB below the clip's last exposure; measured 2.1
+#define MAX_LOSS   1.6 // dB below the clip's last exposure; measured 0.8 (SV_LONG: 1.1)
 #define CAP_PX     (320 * 240)
 
 typedef struct {
