@@ -110,7 +110,7 @@ TEST(test_upright) {
            "@ export --model up/model.ply --format spz --out up/model.spz --quiet");
   run_well("psnr() { @ eval --data s --transforms transforms_train_stereo.json --split test_time --model "
            "up/$1 $2 $3 "
-           "--quiet --json | sed -n 's/.*\"psnr\": *\\([0-9.]*\\).*/\\1/p'; } && "
+           "--quiet --json | grep -o '\"psnr\": [0-9.]*' | sed 's/.* //;q'; } && "
            "echo $(psnr model.ply) $(psnr model.spz) $(psnr model.spz --up -y) | "
            "tee up/psnr | awk '{ d = $1 - $2; exit !($1 > 5 && d < 0.1 && d > -0.1 && $1 > $3 + 1) }' || "
            "{ cat up/psnr; false; }");
@@ -150,7 +150,7 @@ TEST(test_sequences) {
   assert_int_equal(run("cmp frames/frame_0000.ply frames/frame_0002.ply"), 1);
   run_well("@ export --model m/model.ply --format sequence --frames 25 --out m/model.svseq --quiet");
   run_well("for f in model.ply model.svseq; do @ eval --data s --model m/$f --quiet --json | "
-           "sed 's/.*\"psnr\": \\([0-9.]*\\).*/\\1/' ; done > m/psnr; "
+           "grep -o '\"psnr\": [0-9.]*' | sed 's/.* //;q'; done > m/psnr; "
            "tr '\\n' ' ' < m/psnr | awk '{ d = $1 - $2; exit !($1 > 10 && d < 0.05 && d > -0.05) }' || "
            "{ cat m/psnr; false; }");
   run_well("@ export --model m/model.svseq --format spz --frames 2 --out again --quiet");

@@ -1,10 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "src/base/str.h"
 #include "tools/train/evaluate.h"
 #include "tools/lab/model_formats.h"
+
+typedef struct {
+  double psnr, ssim;
+} view_scores;
 
 typedef struct {
   const lab_options *o;
@@ -14,8 +19,13 @@ typedef struct {
   lab_settings settings;
   const char *split;
   lab_scores scores;
+  view_scores *of_view; // [views.n]
   double seconds;
 } run;
+
+static void keep_view(void *of, const lab_scored_view *v) {
+  ((view_scores *)of)[v->i_view] = (view_scores){v->psnr, v->ssim};
+}
 
 // FILE[,FILE...]
 static sv_status list_others(const char *text, char (*names)[SV_TRANSFORMS_CAP_PATH], int *n, sv_err *err) {
@@ -69,7 +79,11 @@ static sv_status evaluate(run *r, sv_err *err) {
     others[i].transforms = names[i];
     others[i].told_by = others[i].refined = NULL;
   }
+  r->of_view = calloc((size_t)r->views.n, sizeof *r->of_view);
+  if (!r->of_view) return sv_fail(err, SV_E_NOMEM, "no memory for the scores of %d views", r->views.n);
   lab_eval_job job = {.session = &r->session,
+                      .on_view = keep_view,
+                      .of = r->of_view,
                       .shared_with = others,
                       .n_shared = n_others,
                       .g = &r->model.g,
@@ -88,9 +102,32 @@ static sv_status evaluate(run *r, sv_err *err) {
   return s;
 }
 
+static void print_views(const run *r) {
+  char name[SV_CAP_PATH];
+  for (int i = 0; i < r->views.n; i++) {
+    lab_view_name(&r->views, i, name, sizeof name);
+    printf("%-32s  %.2f dB, SSIM %.4f\n", name, r->of_view[i].psnr, r->of_view[i].ssim);
+  }
+}
+
+static void report_views(lab_report *j, const run *r) {
+  char name[SV_CAP_PATH];
+  lab_report_array(j, "per_view");
+  for (int i = 0; i < r->views.n; i++) {
+    lab_view_name(&r->views, i, name, sizeof name);
+    lab_report_item_begin(j);
+    lab_report_text(j, "view", name);
+    lab_report_num(j, "psnr", r->of_view[i].psnr);
+    lab_report_num(j, "ssim", r->of_view[i].ssim);
+    lab_report_item_end(j);
+  }
+  lab_report_array_end(j);
+}
+
 static sv_status print(const run *r, sv_err *err) {
   const lab_scores *sc = &r->scores;
   if (!r->o->is_json) {
+    print_views(r);
     printf("%s views %d: ", r->split, sc->n);
     lab_scores_print(sc);
     printf("  (%.2f s: loading %.2f, rendering %.2f, comparing %.2f)\n", r->seconds, sc->load_s, sc->render_s,
@@ -107,6 +144,7 @@ static sv_status print(const run *r, sv_err *err) {
   lab_report_text(&j, "isa", sv_isa_name(r->session.k.isa));
   lab_report_int(&j, "peak_rss_bytes", lab_peak_rss_bytes());
   lab_report_hex(&j, "digest", r->model.digest);
+  report_views(&j, r);
   lab_report_end(&j);
   return lab_report_print(&j, err);
 }
@@ -124,5 +162,6 @@ int lab_cmd_eval(const lab_options *o) {
   lab_session_stop(&r.session);
   lab_views_free(&r.views);
   lab_model_free(&r.model);
+  free(r.of_view);
   return code;
 }

@@ -341,7 +341,7 @@ static sv_status batch(run *r, int n, lab_scores *out, sv_err *err) {
     add_scores(out, sl, frame_of(r, i));
     int i_view = r->v->by_lens[r->i0 + i];
     if (r->job->on_view)
-      r->job->on_view(r->job->of, &(lab_scored_view){i_view, sl->psnr, sl->truth, sl->image});
+      r->job->on_view(r->job->of, &(lab_scored_view){i_view, sl->psnr, sl->ssim, sl->truth, sl->image});
     if (r->job->panel_folder && lab_panel_of(i_view, r->v->n, r->job->n_panels) >= 0 &&
         (s = write_panel(r, sl, i_view, err)) != SV_OK)
       return s;

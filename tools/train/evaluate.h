@@ -18,7 +18,7 @@ void lab_viewer_stop(lab_viewer *v);
 // A view that was scored. Images are [3][height][width], 0 to 1, over the background.
 typedef struct {
   int i_view; // in lab_views.frames
-  double psnr;
+  double psnr, ssim;
   const float *truth, *image;
 } lab_scored_view;
 
