@@ -102,6 +102,8 @@ TEST(test_psnr) {
     assert_true(fabs(number_behind("PSNR ") - mean[i]) < 0.011);
     assert_true(fabs(number_behind("r_006 ") - of_view[i]) < 0.011);
   }
+  run_well("@ eval --data s --model b/model.ply --json --quiet");
+  assert_true(fabs(number_behind("\"view\": \"r_006\", \"psnr\": ") - of_view[1]) < 0.011);
 }
 
 // Without --labels a model.ply is called by its folder; more rows than views are all views.
